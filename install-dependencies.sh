@@ -1,0 +1,34 @@
+#!/usr/bin/env bash
+# Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
+# Usage: ./install-dependencies.sh [--without-pcl]
+set -euo pipefail
+
+packages=(
+  g++ cmake ninja-build ccache pkg-config python3 curl ca-certificates
+  libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev
+  libceres-dev libtbb-dev libembree-dev libsqlite3-dev libsqlitecpp-dev
+  libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
+  libgtest-dev libgmock-dev libnanoflann-dev python3-jsonschema python3-yaml
+)
+# PCL is large (1 GB installed); only the command line's PCD and PLY support needs it.
+[[ "${1:-}" == "--without-pcl" ]] || packages+=(libpcl-dev)
+
+missing=()
+for package in "${packages[@]}"; do
+  status=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
+  [[ "$status" == installed ]] || missing+=("$package")
+done
+[[ ${#missing[@]} -eq 0 ]] && exit 0
+
+if [[ $EUID -eq 0 ]]; then
+  as_root=()
+elif command -v sudo >/dev/null; then
+  as_root=(sudo)
+else
+  echo "These Debian packages are missing and installing them needs root or sudo: ${missing[*]}" >&2
+  exit 1
+fi
+echo "Installing ${#missing[@]} Debian packages: ${missing[*]}"
+"${as_root[@]}" apt-get update -qq
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+  apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "cellmap/scan/scan.hpp"
+
+namespace cellmap {
+
+/// Where one scan sits in its local map.
+struct ScanInCell {
+  Stamp stamp = 0;
+  Pose T_cell_scan = Pose::Identity();
+};
+
+/// Scans stacked by odometry pose until the next one is more than a set distance away (paper,
+/// Sec. III-A). Mutable, one owner.
+class LocalMap {
+ public:
+  /// Starts with its base scan, whose pose is the frame of the local map.
+  LocalMap(Scan base_scan, const Pose& T_odom_base, std::uint32_t first_scan);
+
+  /// True where a scan at this pose belongs to the next local map: strictly more than
+  /// `cell_distance_m` from the base pose.
+  bool is_complete_for(const Pose& T_odom_sensor, double cell_distance_m) const;
+
+  void add(const Scan& scan, const Pose& T_odom_sensor);
+
+  const Pose& T_odom_cell() const { return T_odom_cell_; }
+  const Scan& base_scan() const { return base_scan_; }
+  std::uint32_t first_scan() const { return first_scan_; }
+  const std::vector<ScanInCell>& scans() const { return scans_; }
+  const PointCloud& points() const { return points_; }  ///< cell frame, all stacked scans
+
+ private:
+  Scan base_scan_;
+  Pose T_odom_cell_;
+  std::uint32_t first_scan_;
+  std::vector<ScanInCell> scans_;
+  PointCloud points_;
+};
+
+}  // namespace cellmap

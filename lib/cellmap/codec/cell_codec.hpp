@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/core/hash.hpp"
+
+namespace cellmap {
+
+using Bytes = std::vector<std::byte>;
+
+/// A CELL as it is stored and sent: a FlatBuffers buffer (schema/cell.fbs, identifier "CELL"),
+/// specified to the byte in schema/FORMAT.md.
+struct EncodedCell {
+  ContentHash hash;  ///< SHA-256 of `bytes` with the 32 bytes of the hash field set to zero
+  Bytes bytes;
+};
+
+/// Deterministic: equal CELLs give equal bytes. Throws Error{kCorruptData} where `validate` does.
+EncodedCell encode_cell(const Cell& cell);
+
+/// Trusts no byte: alignment, FlatBuffers verifier (bounded depth and tables), schema version, content
+/// hash, then `validate(cell)`. Throws Error{kCorruptData}, or {kUnsupported} for a newer version or
+/// an unknown lattice, or {kTooLarge} over `kMaxCellBytes`.
+Cell decode_cell(std::span<const std::byte> bytes);
+
+/// The hash that the bytes claim, checked against them. Cheaper than decoding.
+ContentHash verified_hash(std::span<const std::byte> bytes);
+
+/// Limit of an encoded CELL: a full lattice of a million points.
+constexpr std::size_t kMaxCellBytes = 24u << 20;
+
+}  // namespace cellmap

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "cellmap/core/id.hpp"
+#include "cellmap/geometry/pose.hpp"
+#include "cellmap/place/loop_detection.hpp"
+#include "cellmap/registration/registration.hpp"
+
+namespace cellmap {
+
+/// What is known of the answer beforehand.
+struct PosePrior {
+  Pose T_map_scan = Pose::Identity();
+  double radius_m = 10.0;      ///< the true position is within this of the prior
+  double yaw_range_rad = 0.35; ///< and the true yaw within this
+};
+
+struct RelocaliseOptions {
+  std::size_t candidates = 10;  ///< places that go on to registration
+  std::size_t alternatives = 3; ///< rejected or second-best answers reported
+  AcceptanceOptions acceptance;
+  RegistrationOptions registration;
+  int threads = 1;
+
+  void validate() const;
+};
+
+/// One place tried.
+struct RelocalisationCandidate {
+  CellId cell;
+  Pose T_map_scan = Pose::Identity();
+  Pose T_cell_scan = Pose::Identity();
+  RegistrationResult registration;
+  bool accepted = false;
+};
+
+/// "Here", with the evidence, or an honest "not found" with the best rejected places.
+struct RelocalisationAnswer {
+  std::optional<RelocalisationCandidate> found;
+  Matrix6d covariance = Matrix6d::Zero();  ///< of exp(xi) * T_map_scan; set where found
+  std::vector<RelocalisationCandidate> alternatives;
+  std::size_t cells_considered = 0;
+};
+
+/// Finds a scan in a map. Holds one descriptor a CELL (no scans, no planes). Not thread safe while
+/// changing; `relocalise` may run on many threads at once.
+class PlaceIndex {
+ public:
+  PlaceIndex();
+  ~PlaceIndex();
+  PlaceIndex(PlaceIndex&&) noexcept;
+  PlaceIndex& operator=(PlaceIndex&&) noexcept;
+
+  /// Computes and keeps the descriptor of a CELL; replaces an earlier one of the same id.
+  void add(CellId id, const Cell& cell, const Lattice& lattice);
+  void remove(CellId id);
+  std::size_t size() const;
+
+  /// `scan` in its sensor frame, `graph` gives the current poses of the CELLs in the index, `targets`
+  /// loads the few that are registered to.
+  RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
+                                  const TargetProvider& targets, const std::optional<PosePrior>& prior,
+                                  const RelocaliseOptions& options) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cellmap

@@ -1,0 +1,123 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/geometry/lattice.hpp"
+#include "cellmap/geometry/point_cloud.hpp"
+#include "cellmap/geometry/pose.hpp"
+
+namespace cellmap {
+
+/// A CELL made ready to be registered to: the plane of any direction in one look-up.
+/// Immutable and safe to share between threads. Memory: about 4 bytes a lattice point plus 16 a plane.
+class RegistrationTarget {
+ public:
+  RegistrationTarget(std::shared_ptr<const Cell> cell, std::shared_ptr<const Lattice> lattice);
+
+  const Cell& cell() const { return *cell_; }
+  const Lattice& lattice() const { return *lattice_; }
+
+  /// Position in cell().planes of the plane of a lattice point, or -1 where the patch has none.
+  std::int32_t plane_of(std::uint32_t lattice_index) const { return plane_of_[lattice_index]; }
+  /// n . (distance * direction) of a plane: the point-to-plane distance is n . p - offset.
+  float offset(std::size_t plane) const { return offsets_[plane]; }
+
+ private:
+  std::shared_ptr<const Cell> cell_;
+  std::shared_ptr<const Lattice> lattice_;
+  std::vector<std::int32_t> plane_of_;
+  std::vector<float> offsets_;
+};
+
+enum class RobustKernel { kNone, kCauchy, kGemanMcClure };
+
+/// A run of iterations with one gate and one kernel.
+struct RegistrationStage {
+  int max_iterations = 1;
+  double gate_m = 1.0;  ///< points farther than this from their plane take no part
+  RobustKernel kernel = RobustKernel::kNone;
+  double kernel_width_m = 0.05;
+};
+
+/// The default schedule is FINDINGS' best: plain least squares through gates of 2, 1 and 0.5 m, then
+/// Geman-McClure of 0.05 m to convergence; converges from 1 m / 3 deg.
+struct RegistrationOptions {
+  std::vector<RegistrationStage> stages;  ///< empty: the default schedule
+  double convergence_translation_m = 1e-4;  ///< a smaller update in the last stage ends it
+  double convergence_rotation_rad = 1e-5;
+  std::size_t point_step = 1;  ///< every n-th point takes part; 1: all, as in the paper
+  int threads = 1;             ///< 0: all
+
+  void validate() const;
+};
+
+/// How well points agree with the CELL's planes at a pose (FINDINGS section 4). "Hit" points are
+/// those whose direction has a plane. All shares are in [0, 1].
+struct RegistrationScores {
+  std::uint32_t points = 0;
+  std::uint32_t hits = 0;
+  double inlier_ratio_all = 0;  ///< within 0.2 m of the plane, over all points (the paper's)
+  double inlier_ratio_hit = 0;  ///< within 0.2 m of the plane, over hit points
+  double share_in_front = 0;    ///< of hit points: more than 1 m nearer than the plane, along the normal
+  double share_beyond = 0;      ///< of hit points: more than 1 m behind the plane, along the normal
+  double median_residual_m = 0; ///< median absolute point-to-plane distance of hit points
+};
+
+/// Which motion the geometry does not hold, from the eigenvalues of the information per inlier.
+struct Degeneracy {
+  bool degenerate = false;      ///< a direction is weaker than the threshold
+  Tangent weakest = Tangent::Zero();  ///< unit vector, target frame, at the scan's origin
+  double weakest_share = 0;     ///< its eigenvalue over the largest of its kind (translation or
+                                ///< rotation scaled by the median range), in [0, 1]
+};
+
+/// The outcome of a registration. Not converged is a value, and never becomes a constraint.
+struct RegistrationResult {
+  Pose T_target_source = Pose::Identity();
+  bool converged = false;
+  int iterations = 0;
+  RegistrationScores scores;    ///< at the final pose; for bidirectional registration over both directions
+  double rmse_m = 0;            ///< of the inliers
+  /// Gauss-Newton information of the last iteration for the left perturbation
+  /// exp(xi) * T_target_source, order (translation, rotation), scaled by the residual variance and by
+  /// the correlation between neighbouring points (see the .cpp).
+  Matrix6d information = Matrix6d::Zero();
+  Degeneracy degeneracy;
+};
+
+/// Scan-to-CELL registration (paper, Sec. III-C): each point's direction, moved by the current
+/// estimate, is looked up in the lattice; point-to-plane Gauss-Newton with left perturbation;
+/// correspondences are renewed in every iteration. `scan` in its sensor frame.
+RegistrationResult register_scan(const RegistrationTarget& target, const PointCloud& scan,
+                                 const Pose& T_cell_scan_initial, const RegistrationOptions& options = {});
+
+/// Bidirectional registration of two CELLs with their base scans (paper, Sec. III-C, end): both
+/// directions in one normal system, correspondences of both renewed from the current estimate.
+/// `scan_a` in the frame of CELL a, `scan_b` in the frame of CELL b. The result is T_a_b.
+RegistrationResult register_cells(const RegistrationTarget& a, const PointCloud& scan_a,
+                                  const RegistrationTarget& b, const PointCloud& scan_b,
+                                  const Pose& T_a_b_initial, const RegistrationOptions& options = {});
+
+/// The scores of a scan at a given pose, without registering it.
+RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud& scan,
+                              const Pose& T_cell_scan, std::size_t point_step = 1);
+
+/// When a registered pose is believed: two scores must agree, because each alone has thin margins
+/// (FINDINGS section 4).
+struct AcceptanceOptions {
+  double min_inlier_ratio_hit = 0.7;
+  double max_share_in_front = 0.05;
+  double max_median_residual_m = 0.15;
+  double min_hit_share = 0.2;          ///< hits over points
+  double min_inlier_ratio_all = 0.0;   ///< the paper's test is 0.2 here and nothing else
+
+  void validate() const;
+};
+
+/// True where the result converged and passes every test.
+bool is_acceptable(const RegistrationResult& result, const AcceptanceOptions& options);
+
+}  // namespace cellmap

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "cellmap/geometry/pose.hpp"
+#include "cellmap/scan/scan.hpp"
+#include "cellmap/scan/trajectory.hpp"
+
+namespace cellmap {
+
+/// A scan of a drive with the odometry pose it was taken at.
+struct PosedScan {
+  std::size_t index = 0;  ///< position in the drive, from 0
+  Stamp stamp = 0;
+  Pose T_odom_sensor = Pose::Identity();
+  PointCloud points;  ///< sensor frame, unfiltered: may hold NaN and any range
+};
+
+/// A recorded or simulated drive, read one scan at a time: memory does not grow with its length.
+/// Not thread safe.
+class ScanSource {
+ public:
+  virtual ~ScanSource() = default;
+
+  /// Number of scans in the drive.
+  virtual std::size_t size() const = 0;
+
+  /// The next scan, or nullopt at the end. Throws Error{kIo} or Error{kCorruptData} naming the
+  /// file, what was expected and what was found.
+  virtual std::optional<PosedScan> next() = 0;
+
+  /// Makes `next` return scan `index` <= size().
+  virtual void seek(std::size_t index) = 0;
+
+  /// Ground truth T_world_sensor where the drive carries it (the simulator's), else empty.
+  virtual const Trajectory& ground_truth() const = 0;
+};
+
+/// Reads one scan file into points; registered by extension so that PCL stays at the edge.
+using ScanFileReader = std::function<PointCloud(const std::filesystem::path&)>;
+
+/// In which frame a KITTI-format pose file gives its poses.
+enum class PoseFrame {
+  kAuto,    ///< camera where the folder has a calib.txt with Tr and the poses are its own poses.txt
+  kCamera,  ///< KITTI's left camera; T_sensor = Tr^-1 * T * Tr (calib.txt with Tr is required)
+  kSensor,  ///< the LiDAR itself
+};
+
+struct DatasetOptions {
+  std::filesystem::path poses;  ///< trajectory file; empty: poses.txt in the folder
+  PoseFrame pose_frame = PoseFrame::kAuto;
+  /// Reader for ".pcd" and ".ply" (cellmap::pcl_io::read_scan_file); empty: such folders are refused
+  /// with Error{kUnsupported}. ".bin" (KITTI: little-endian float32 x, y, z, intensity) is built in.
+  ScanFileReader pcl_reader;
+};
+
+/// Opens a recorded drive. Understands
+/// - KITTI odometry folders: velodyne/NNNNNN.bin, times.txt, calib.txt (Tr), poses.txt;
+/// - folders of .bin, .pcd or .ply scans (in the folder itself, in scans/ or in velodyne/, ordered by
+///   name) with a KITTI- or TUM-format trajectory. KITTI rows go by position; a TUM trajectory needs
+///   times.txt and is interpolated.
+/// times.txt holds one time in seconds a line; without it scans are 0.1 s apart.
+/// A trajectory may have more rows than there are scans only in KITTI format (extra rows are ignored).
+/// Throws Error{kNotFound}, {kInvalidArgument} or {kCorruptData} saying what was expected and found.
+std::unique_ptr<ScanSource> open_dataset(const std::filesystem::path& folder,
+                                         const DatasetOptions& options = {});
+
+/// Reads one KITTI .bin file. Throws Error{kCorruptData} where its length is not a multiple of 16.
+PointCloud read_kitti_bin(const std::filesystem::path& file);
+
+/// The same from bytes in memory (an HTTP body). At most `max_points`, else Error{kTooLarge}.
+PointCloud parse_kitti_bin(std::span<const std::byte> bytes, std::size_t max_points = 2'000'000);
+
+}  // namespace cellmap
