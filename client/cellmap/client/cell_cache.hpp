@@ -11,18 +11,19 @@
 namespace cellmap {
 
 struct CellCacheOptions {
-  std::filesystem::path directory;         ///< made where it is missing
-  std::uint64_t max_bytes = 1ull << 30;    ///< the least recently used CELLs go beyond this
+  std::filesystem::path directory;       ///< made where it is missing
+  std::uint64_t max_bytes = 1ull << 30;  ///< the least recently used CELLs go beyond this
 };
 
 /// CELLs on disk, each in a file named for its content hash, so that nothing in it can be out of
-/// date. A file is written whole or not at all (temporary file, then rename) and its hash is checked
-/// when it is read: a damaged one is removed and counts as missing. Beside the CELLs it remembers
-/// which hash a server last gave for a CELL's id, which lets the next fetch be conditional.
+/// date. A file is written whole or not at all (temporary file, then rename) and its hash is
+/// checked when it is read: a damaged one is removed and counts as missing. Beside the CELLs it
+/// remembers which hash a server last gave for a CELL's id, which lets the next fetch be
+/// conditional.
 ///
 /// Not durable: losing it costs transfers only. Several processes may share one directory; within
-/// a process one object serves one thread at a time. Throws Error{kIo} where the directory cannot be
-/// made or written.
+/// a process one object serves one thread at a time. Throws Error{kIo} where the directory cannot
+/// be made or written.
 class CellCache {
  public:
   explicit CellCache(CellCacheOptions options);
@@ -35,7 +36,8 @@ class CellCache {
   /// beyond `max_bytes`.
   void put(const EncodedCell& cell);
 
-  /// The hash last remembered for a CELL of a map of a server; a hint, to be confirmed by the server.
+  /// The hash last remembered for a CELL of a map of a server; a hint, to be confirmed by the
+  /// server.
   std::optional<ContentHash> remembered_hash(const std::string& map_url, CellId id) const;
   void remember_hash(const std::string& map_url, CellId id, const ContentHash& hash);
 

@@ -1,11 +1,11 @@
 #include "cellmap/client/client.hpp"
 
-#include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstring>
-#include <thread>
-
+#include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <numbers>
+#include <thread>
 
 #include "cellmap/client/event_stream.hpp"
 #include "cellmap/client/files.hpp"
@@ -83,8 +83,8 @@ Pose pose_from_header(const std::string& header) {
     char* end = nullptr;
     value = std::strtod(next, &end);
     if (end == next) {
-      throw Error(ErrorCode::kCorruptData, "the server's CELLmap-Pose header has no 7 numbers: '" +
-                                               header + "'");
+      throw Error(ErrorCode::kCorruptData,
+                  "the server's CELLmap-Pose header has no 7 numbers: '" + header + "'");
     }
     next = end;
   }
@@ -128,8 +128,8 @@ void ClientOptions::validate() const {
     throw Error(ErrorCode::kInvalidArgument, "client timeouts must be positive");
   }
   if (compression_level < 0 || compression_level > 19) {
-    throw Error(ErrorCode::kInvalidArgument, "compression_level must be 0 to 19, not " +
-                                                 std::to_string(compression_level));
+    throw Error(ErrorCode::kInvalidArgument,
+                "compression_level must be 0 to 19, not " + std::to_string(compression_level));
   }
 }
 
@@ -248,7 +248,8 @@ std::vector<CellRecord> Client::all_cells(const std::string& map, CellQuery quer
 }
 
 FetchedCell Client::cell(const std::string& map, CellId id) {
-  HttpRequest request{"GET", cell_path(map, id), {{"accept", kCellType}, {"accept-encoding", "zstd"}}, ""};
+  HttpRequest request{
+      "GET", cell_path(map, id), {{"accept", kCellType}, {"accept-encoding", "zstd"}}, ""};
   request.max_answer_bytes = kMaxCellBytes;
   std::optional<EncodedCell> cached;
   if (auto& cache = impl_->cache) {
@@ -325,7 +326,8 @@ void Client::for_each_cell(
     });
     if (missing.size() == before) {
       throw Error(ErrorCode::kConflict, "CELL " + std::to_string(missing.front().id.value) +
-                                            " of map '" + map + "' changed on the server while it was "
+                                            " of map '" + map +
+                                            "' changed on the server while it was "
                                             "read; start again");
     }
   }
@@ -360,6 +362,7 @@ Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan
   if (prior) {
     url.add("prior", comma_separated(to_xyz_qxyzw(prior->T_map_scan)));
     url.add("radius", number(prior->radius_m));
+    url.add("yaw_range_deg", number(prior->yaw_range_rad * 180.0 / std::numbers::pi));
   }
   HttpRequest request{"POST", map_path(map) + "/relocalise" + url.text(), {}, ""};
   request.headers["accept"] = "application/json";
@@ -428,7 +431,7 @@ PutScanResult Client::put_scan(JobId id, const PosedScan& scan) {
 
 Job Client::complete_upload(JobId id) {
   return client::job_from_json(
-      impl_->send_json(json_request("POST", job_path(id) + "/complete", Json::object())));
+      impl_->send_json({"POST", job_path(id) + "/complete", {{"accept", "application/json"}}, ""}));
 }
 
 Job Client::cancel_job(JobId id) {

@@ -25,7 +25,7 @@ struct ClientOptions {
   std::chrono::milliseconds read_timeout{120'000};
   std::chrono::milliseconds write_timeout{30'000};
   RetryOptions retry;
-  std::filesystem::path cache_directory;      ///< of CELLs; empty: no cache
+  std::filesystem::path cache_directory;  ///< of CELLs; empty: no cache
   std::uint64_t cache_max_bytes = 1ull << 30;
   int compression_level = 1;  ///< zstd level of uploaded scans and CELLs, 1 to 19; 0: uncompressed
   std::string user_agent = "cellmap-client";
@@ -74,8 +74,8 @@ class Client {
 
   /// One page; follow `next_cursor` for more, or use `all_cells`.
   CellPage cells(const std::string& map, const CellQuery& query = {});
-  /// Every CELL that the query names, page by page (`limit` and `cursor` are set here). Revisions of
-  /// the pages may differ where the map changes meanwhile.
+  /// Every CELL that the query names, page by page (`limit` and `cursor` are set here). Revisions
+  /// of the pages may differ where the map changes meanwhile.
   std::vector<CellRecord> all_cells(const std::string& map, CellQuery query = {});
 
   /// One CELL, verified. With a cache: conditional (If-None-Match), and no bytes are sent where
@@ -104,7 +104,7 @@ class Client {
   /// The drive of a session, as text in the asked format, one row a scan.
   std::string trajectory_text(const std::string& map, const std::string& session,
                               TrajectoryFormat format,
-                              TrajectoryStage stage = TrajectoryStage::kOptimised);
+                              TrajectoryStage stage = TrajectoryStage::kCorrected);
 
   // --- relocalisation and loops ---------------------------------------------------------------
 
@@ -127,7 +127,8 @@ class Client {
 
   std::vector<Job> jobs(const std::string& map);
   Job job(JobId id);
-  /// Starts an ingest, or resumes the one of the same session.
+  /// Starts an ingest. A session that is stored in part goes on after its last CELL, one that is
+  /// stored whole ends at once; Error{kConflict} where another unfinished job ingests it.
   Job start_ingest(const std::string& map, const IngestRequest& request);
   /// Sends the next scan of an upload. Another index being expected is a value; a full queue
   /// is waited out as Retry-After says, then Error{kUnavailable}.
@@ -136,9 +137,9 @@ class Client {
   Job complete_upload(JobId id);
   Job cancel_job(JobId id);
   /// Waits until a job reaches a final state, over server-sent events, or by asking every
-  /// half second where those fail. Calls `on_progress` with what arrives. Returns the final job, or the
-  /// latest one where a stop was requested: the job itself goes on. A server that stays away longer
-  /// than the retries ends it with Error{kUnavailable}.
+  /// half second where those fail. Calls `on_progress` with what arrives. Returns the final job, or
+  /// the latest one where a stop was requested: the job itself goes on. A server that stays away
+  /// longer than the retries ends it with Error{kUnavailable}.
   Job follow_job(JobId id, const std::function<void(const Job&)>& on_progress = {},
                  std::stop_token stop = {});
 

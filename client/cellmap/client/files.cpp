@@ -34,8 +34,8 @@ void make_directory(const fs::path& directory) {
   std::error_code error;
   fs::create_directories(directory, error);
   if (error) {
-    throw Error(ErrorCode::kIo, "cannot make the folder '" + directory.string() +
-                                    "': " + error.message());
+    throw Error(ErrorCode::kIo,
+                "cannot make the folder '" + directory.string() + "': " + error.message());
   }
 }
 

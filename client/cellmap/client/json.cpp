@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstdio>
 #include <limits>
-
 #include <nlohmann/json.hpp>
 
 namespace cellmap::client {
@@ -18,9 +17,9 @@ decltype(auto) decoded(const char* what, Decode decode) {
   try {
     return decode();
   } catch (const Json::exception& error) {
-    throw Error(ErrorCode::kCorruptData,
-                std::string("the server's ") + what + " is not as the API describes it (" +
-                    error.what() + "); do client and server have the same version?");
+    throw Error(ErrorCode::kCorruptData, std::string("the server's ") + what +
+                                             " is not as the API describes it (" + error.what() +
+                                             "); do client and server have the same version?");
   } catch (const Error& error) {
     if (error.code() == ErrorCode::kCorruptData) throw;
     throw Error(ErrorCode::kCorruptData, std::string("the server's ") + what +
@@ -39,7 +38,9 @@ Integer integer(const Json& json) {
   return static_cast<Integer>(json.get<std::uint64_t>());
 }
 
-std::uint64_t count(const Json& json, const char* key) { return integer<std::uint64_t>(json.at(key)); }
+std::uint64_t count(const Json& json, const char* key) {
+  return integer<std::uint64_t>(json.at(key));
+}
 
 template <typename Id>
 Id id(const Json& json) {
@@ -114,6 +115,10 @@ Json parse_json(std::string_view text) {
 
 const Json& member(const Json& json, const char* key) {
   return decoded("answer", [&]() -> const Json& { return json.at(key); });
+}
+
+std::string text_member(const Json& json, const char* key) {
+  return decoded("answer", [&] { return json.at(key).get<std::string>(); });
 }
 
 std::uint64_t unsigned_member(const Json& json, const char* key) {
@@ -233,16 +238,11 @@ MapInfo map_info_from_json(const Json& json) {
 }
 
 Json to_json(const CellRecord& cell) {
-  return {{"id", cell.id.value},
-          {"etag", "\"" + to_hex(cell.hash) + "\""},
-          {"hash", to_hex(cell.hash)},
-          {"added", cell.added},
-          {"moved", cell.moved},
-          {"pose", to_json(cell.T_map_cell)},
-          {"session", cell.session},
-          {"sequence", cell.sequence},
-          {"planes", cell.planes},
-          {"bytes", cell.encoded_bytes}};
+  return {{"id", cell.id.value},       {"etag", "\"" + to_hex(cell.hash) + "\""},
+          {"hash", to_hex(cell.hash)}, {"added", cell.added},
+          {"moved", cell.moved},       {"pose", to_json(cell.T_map_cell)},
+          {"session", cell.session},   {"sequence", cell.sequence},
+          {"planes", cell.planes},     {"bytes", cell.encoded_bytes}};
 }
 
 CellRecord cell_record_from_json(const Json& json) {
@@ -481,7 +481,7 @@ Json to_json(const Job& job) {
           {"progress", optional(job.progress)},
           {"scans_per_second", job.scans_per_second},
           {"eta_s", optional(job.eta_s)},
-          {"next_scan", job.next_scan},
+          {"next_scan", job.next_scan ? Json(*job.next_scan) : Json(nullptr)},
           {"error", error},
           {"created", to_rfc3339(job.created)},
           {"updated", to_rfc3339(job.updated)}};
@@ -509,7 +509,9 @@ Job job_from_json(const Json& json) {
     job.progress = optional("progress");
     job.scans_per_second = number_or(json, "scans_per_second", 0);
     job.eta_s = optional("eta_s");
-    job.next_scan = count_or_zero("next_scan");
+    if (json.contains("next_scan") && !json.at("next_scan").is_null()) {
+      job.next_scan = count(json, "next_scan");
+    }
     if (json.contains("error") && !json.at("error").is_null()) {
       job.error_code = error_code_from_string(json.at("error").at("code").get<std::string>());
       job.error_message = json.at("error").at("message");
@@ -524,9 +526,12 @@ namespace {
 
 std::string_view name_of(PoseFrame frame) {
   switch (frame) {
-    case PoseFrame::kCamera: return "camera";
-    case PoseFrame::kSensor: return "sensor";
-    case PoseFrame::kAuto: break;
+    case PoseFrame::kCamera:
+      return "camera";
+    case PoseFrame::kSensor:
+      return "sensor";
+    case PoseFrame::kAuto:
+      break;
   }
   return "auto";
 }
@@ -561,6 +566,9 @@ Json to_json(const IngestRequest& request) {
   }
   if (!request.poses.empty()) json["poses"] = request.poses;
   if (request.scans_total > 0) json["scans_total"] = request.scans_total;
+  if (request.lattice) {
+    json["lattice"] = {{"kind", "fibonacci"}, {"size", request.lattice->size}};
+  }
   if (Json options = to_json(request.options); !options.empty()) json["options"] = options;
   return json;
 }
@@ -569,14 +577,32 @@ namespace {
 
 ErrorCode code_of_status(int status) {
   switch (status) {
-    case 404: case 410: return ErrorCode::kNotFound;
-    case 405: case 406: case 415: case 501: return ErrorCode::kUnsupported;
-    case 409: return ErrorCode::kConflict;
-    case 412: return ErrorCode::kPreconditionFailed;
-    case 413: case 414: case 431: return ErrorCode::kTooLarge;
-    case 422: return ErrorCode::kCorruptData;
-    case 408: case 429: case 502: case 503: case 504: return ErrorCode::kUnavailable;
-    default: return status < 500 ? ErrorCode::kInvalidArgument : ErrorCode::kInternal;
+    case 404:
+    case 410:
+      return ErrorCode::kNotFound;
+    case 405:
+    case 406:
+    case 415:
+    case 501:
+      return ErrorCode::kUnsupported;
+    case 409:
+      return ErrorCode::kConflict;
+    case 412:
+      return ErrorCode::kPreconditionFailed;
+    case 413:
+    case 414:
+    case 431:
+      return ErrorCode::kTooLarge;
+    case 422:
+      return ErrorCode::kCorruptData;
+    case 408:
+    case 429:
+    case 502:
+    case 503:
+    case 504:
+      return ErrorCode::kUnavailable;
+    default:
+      return status < 500 ? ErrorCode::kInvalidArgument : ErrorCode::kInternal;
   }
 }
 
@@ -596,9 +622,9 @@ Error problem_to_error(int status, std::string_view content_type, std::string_vi
       // Not what it claims to be: the status has to do.
     }
   }
-  return Error(code_of_status(status),
-               what + " was answered with HTTP status " + std::to_string(status) +
-                   " and no explanation; is it a CELLmap server?");
+  return Error(code_of_status(status), what + " was answered with HTTP status " +
+                                           std::to_string(status) +
+                                           " and no explanation; is it a CELLmap server?");
 }
 
 }  // namespace cellmap::client

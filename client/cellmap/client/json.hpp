@@ -1,9 +1,8 @@
 #pragma once
 
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
-
-#include <nlohmann/json_fwd.hpp>
 
 #include "cellmap/client/resources.hpp"
 #include "cellmap/evaluation/trajectory_metrics.hpp"
@@ -21,14 +20,15 @@ Json parse_json(std::string_view text);
 
 /// A member that must be there. Throws Error{kCorruptData} naming it.
 const Json& member(const Json& json, const char* key);
+std::string text_member(const Json& json, const char* key);
 std::uint64_t unsigned_member(const Json& json, const char* key);
 
 /// One line, or indented for people. Text that is not UTF-8 is replaced, never an error.
 std::string dump(const Json& json, bool indented = true);
 
-Json to_json(const Pose& pose);               ///< [x, y, z, qx, qy, qz, qw]
+Json to_json(const Pose& pose);  ///< [x, y, z, qx, qy, qz, qw]
 Pose pose_from_json(const Json& json);
-Json to_json(const Matrix6d& matrix);         ///< 21 numbers, upper triangle by rows
+Json to_json(const Matrix6d& matrix);  ///< 21 numbers, upper triangle by rows
 Matrix6d matrix_from_json(const Json& json);
 
 /// RFC 3339, UTC, for example "2026-11-22T03:45:09.25Z".

@@ -24,7 +24,7 @@ namespace cellmap {
 /// A CELL as the server handed it out, its bytes verified against its hash.
 struct FetchedCell {
   CellId id;
-  EncodedCell encoded;  ///< decode with `decode_cell(encoded.bytes)`
+  EncodedCell encoded;                 ///< decode with `decode_cell(encoded.bytes)`
   Pose T_map_cell = Pose::Identity();  ///< where it lies now
   Revision revision = 0;               ///< of the map, when that was so
   bool from_cache = false;  ///< the server confirmed the ETag (304); no CELL bytes were sent
@@ -50,7 +50,7 @@ struct Changes : MapChanges {
 };
 
 /// Which poses of a drive: as the odometry gave them or after the back end.
-enum class TrajectoryStage { kOdometry, kOptimised };
+enum class TrajectoryStage { kOdometry, kCorrected };
 
 /// An answer to "where am I?" with what it took. `answer.found` is empty for an honest "not found".
 struct Relocalisation {
@@ -69,8 +69,9 @@ struct LoopList {
 /// What adding, detecting or removing loops did to a map.
 struct LoopReport {
   Revision revision = 0;
-  std::vector<Constraint> loops;  ///< the new ones; empty where nothing was found or one was removed
-  std::uint64_t moved = 0;        ///< CELLs whose pose changed
+  std::vector<Constraint>
+      loops;                ///< the new ones; empty where nothing was found or one was removed
+  std::uint64_t moved = 0;  ///< CELLs whose pose changed
   double initial_cost = 0, final_cost = 0;  ///< of the pose graph, before and after
 };
 
@@ -83,7 +84,7 @@ struct Job {
   std::optional<double> progress;  ///< 0 to 1, where the total is known
   double scans_per_second = 0;
   std::optional<double> eta_s;
-  std::uint64_t next_scan = 0;     ///< of an upload: the index that is expected next
+  std::optional<std::uint64_t> next_scan;  ///< of an upload that runs: the index expected next
   std::optional<ErrorCode> error_code;
   std::string error_message;       ///< of a failed job
   Stamp created = 0, updated = 0;  ///< Unix time
@@ -101,13 +102,15 @@ struct IngestOptions {
 
 /// Asks for an ingest job. Posting the same session again resumes it.
 struct IngestRequest {
-  std::string session;  ///< 1 to 64 characters [A-Za-z0-9._-]; empty: the server chooses
-  std::string path;     ///< of the drive on the server, under one of its data roots; empty: upload
-  std::string poses;    ///< with `path`: a trajectory file on the server; empty: the drive's own
+  /// 1 to 64 characters [A-Za-z0-9._-]; empty: the name of the folder at `path` (uploads need one).
+  std::string session;
+  std::string path;   ///< of the drive on the server, under one of its data roots; empty: upload
+  std::string poses;  ///< with `path`: a trajectory file on the server; empty: the drive's own
   PoseFrame pose_frame = PoseFrame::kAuto;
   std::uint64_t scans_total = 0;  ///< of an upload, for its progress; 0: not known
   IngestOptions options;
-  bool create_map = true;  ///< makes the map where it is missing
+  bool create_map = true;              ///< makes the map where it is missing ...
+  std::optional<LatticeSpec> lattice;  ///< ... with this lattice (default: the server's)
 };
 
 /// How the server took a scan of an upload.

@@ -12,8 +12,8 @@ using std::chrono::milliseconds;
 
 void RetryOptions::validate() const {
   if (attempts < 1 || attempts > 100) {
-    throw Error(ErrorCode::kInvalidArgument, "retry attempts must be 1 to 100, not " +
-                                                 std::to_string(attempts));
+    throw Error(ErrorCode::kInvalidArgument,
+                "retry attempts must be 1 to 100, not " + std::to_string(attempts));
   }
   if (first_delay.count() < 0 || max_delay < first_delay || max_retry_after.count() < 0) {
     throw Error(ErrorCode::kInvalidArgument,

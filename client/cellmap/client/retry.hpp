@@ -16,7 +16,7 @@ namespace cellmap {
 /// read or that name a session) also where the connection broke half-way or a gateway failed
 /// (502, 504).
 struct RetryOptions {
-  int attempts = 5;  ///< tries in all, 1 to 100; 1: never again
+  int attempts = 5;                            ///< tries in all, 1 to 100; 1: never again
   std::chrono::milliseconds first_delay{100};  ///< doubles with every failure ...
   std::chrono::milliseconds max_delay{5'000};  ///< ... up to this
   /// A server's Retry-After is waited out in full where it is at most this; a longer one ends the
@@ -52,8 +52,8 @@ class RetrySchedule {
   int failures_ = 0;
 };
 
-/// A Retry-After header in seconds ("3") as milliseconds; nullopt for anything else (dates included:
-/// clocks differ) and above a day.
+/// A Retry-After header in seconds ("3") as milliseconds; nullopt for anything else (dates
+/// included: clocks differ) and above a day.
 std::optional<std::chrono::milliseconds> parse_retry_after(std::string_view header);
 
 }  // namespace cellmap

@@ -1,9 +1,9 @@
 #include "cellmap/client/transport.hpp"
 
+#include <httplib.h>
+
 #include <algorithm>
 #include <cctype>
-
-#include <httplib.h>
 
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/json.hpp"

@@ -33,7 +33,8 @@ void parse_authority(std::string_view authority, std::string_view text, ServerUr
   std::string_view port;
   if (authority.starts_with('[')) {
     const auto close = authority.find(']');
-    if (close == std::string_view::npos) refuse(text, "the bracket of the IPv6 address is not closed");
+    if (close == std::string_view::npos)
+      refuse(text, "the bracket of the IPv6 address is not closed");
     url.host = authority.substr(1, close - 1);
     port = authority.substr(close + 1);
     if (url.host.find_first_not_of("0123456789abcdefABCDEF:.") != std::string::npos) {
