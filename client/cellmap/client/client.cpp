@@ -256,7 +256,7 @@ FetchedCell Client::cell(const std::string& map, CellId id) {
     const auto hash = cache->remembered_hash(impl_->cache_key(map), id);
     if (auto bytes = hash ? cache->get(*hash) : std::nullopt) cached = {*hash, std::move(*bytes)};
   }
-  if (cached) request.headers["if-none-match"] = "\"" + to_hex(cached->hash) + "\"";
+  if (cached) request.headers["if-none-match"] = '"' + to_hex(cached->hash) + '"';
   const HttpResponse response = impl_->transport.perform(request);
   FetchedCell fetched;
   fetched.id = id;

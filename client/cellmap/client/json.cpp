@@ -238,7 +238,7 @@ MapInfo map_info_from_json(const Json& json) {
 }
 
 Json to_json(const CellRecord& cell) {
-  return {{"id", cell.id.value},       {"etag", "\"" + to_hex(cell.hash) + "\""},
+  return {{"id", cell.id.value},       {"etag", '"' + to_hex(cell.hash) + '"'},
           {"hash", to_hex(cell.hash)}, {"added", cell.added},
           {"moved", cell.moved},       {"pose", to_json(cell.T_map_cell)},
           {"session", cell.session},   {"sequence", cell.sequence},
