@@ -14,6 +14,9 @@
 
 namespace cellmap {
 
+/// A scan of more points is refused: ten times what a 128-beam LiDAR gives a turn.
+constexpr std::size_t kMaxScanPoints = 2'000'000;
+
 /// A scan of a drive with the odometry pose it was taken at.
 struct PosedScan {
   std::size_t index = 0;  ///< position in the drive, from 0
@@ -55,26 +58,37 @@ enum class PoseFrame {
 struct DatasetOptions {
   std::filesystem::path poses;  ///< trajectory file; empty: poses.txt in the folder
   PoseFrame pose_frame = PoseFrame::kAuto;
-  /// Reader for ".pcd" and ".ply" (cellmap::pcl_io::read_scan_file); empty: such folders are refused
-  /// with Error{kUnsupported}. ".bin" (KITTI: little-endian float32 x, y, z, intensity) is built in.
+  /// Reader for ".pcd" and ".ply" (cellmap::pcl_io::read_scan_file); empty: such folders are
+  /// refused with Error{kUnsupported}. ".bin" (KITTI: little-endian float32 x, y, z, intensity) is
+  /// built in.
   ScanFileReader pcl_reader;
 };
 
 /// Opens a recorded drive. Understands
 /// - KITTI odometry folders: velodyne/NNNNNN.bin, times.txt, calib.txt (Tr), poses.txt;
-/// - folders of .bin, .pcd or .ply scans (in the folder itself, in scans/ or in velodyne/, ordered by
-///   name) with a KITTI- or TUM-format trajectory. KITTI rows go by position; a TUM trajectory needs
-///   times.txt and is interpolated.
+/// - folders of .bin, .pcd or .ply scans (in the folder itself, in scans/ or in velodyne/, ordered
+/// by
+///   name) with a KITTI- or TUM-format trajectory. KITTI rows go by position; a TUM trajectory
+///   needs times.txt and is interpolated.
 /// times.txt holds one time in seconds a line; without it scans are 0.1 s apart.
-/// A trajectory may have more rows than there are scans only in KITTI format (extra rows are ignored).
-/// Throws Error{kNotFound}, {kInvalidArgument} or {kCorruptData} saying what was expected and found.
+/// A trajectory may have more rows than there are scans only in KITTI format (extra rows are
+/// ignored). Throws Error{kNotFound}, {kInvalidArgument} or {kCorruptData} saying what was expected
+/// and found.
 std::unique_ptr<ScanSource> open_dataset(const std::filesystem::path& folder,
                                          const DatasetOptions& options = {});
 
-/// Reads one KITTI .bin file. Throws Error{kCorruptData} where its length is not a multiple of 16.
+/// Reads one KITTI .bin file, points as they are (NaN included). Throws Error{kNotFound}, {kIo},
+/// {kTooLarge} over `kMaxScanPoints`, {kCorruptData} where it is empty or its length is not a
+/// multiple of 16; every message begins with the file's name.
 PointCloud read_kitti_bin(const std::filesystem::path& file);
 
-/// The same from bytes in memory (an HTTP body). At most `max_points`, else Error{kTooLarge}.
-PointCloud parse_kitti_bin(std::span<const std::byte> bytes, std::size_t max_points = 2'000'000);
+/// The same from bytes in memory (an HTTP body); no bytes are no points. At most `max_points`,
+/// else Error{kTooLarge}.
+PointCloud parse_kitti_bin(std::span<const std::byte> bytes,
+                           std::size_t max_points = kMaxScanPoints);
+
+/// Writes (or overwrites) a KITTI .bin file with intensity 0. Throws Error{kInvalidArgument} where
+/// there are no points or more than `kMaxScanPoints` (it could not be read back), {kIo}.
+void write_kitti_bin(const std::filesystem::path& file, const PointCloud& points);
 
 }  // namespace cellmap

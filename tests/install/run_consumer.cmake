@@ -1,0 +1,27 @@
+# Installs the build into a fresh prefix, builds the consumer against it and runs what was installed.
+# Variables: BUILD_DIR, CONSUMER_DIR, WORK_DIR, CXX_FLAGS
+function(run)
+  execute_process(COMMAND ${ARGV} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  if(NOT result EQUAL 0)
+    message(FATAL_ERROR "${ARGV} failed:\n${output}")
+  endif()
+  set(run_output "${output}" PARENT_SCOPE)
+endfunction()
+
+file(REMOVE_RECURSE ${WORK_DIR})
+run(${CMAKE_COMMAND} --install ${BUILD_DIR} --prefix ${WORK_DIR}/prefix)
+run(${CMAKE_COMMAND} -S ${CONSUMER_DIR} -B ${WORK_DIR}/build -G Ninja
+    -DCMAKE_PREFIX_PATH=${WORK_DIR}/prefix -DCMAKE_BUILD_TYPE=Release -DCMAKE_CXX_FLAGS=${CXX_FLAGS})
+run(${CMAKE_COMMAND} --build ${WORK_DIR}/build)
+run(${WORK_DIR}/build/consumer)
+if(NOT run_output MATCHES "fibonacci-1000 0")
+  message(FATAL_ERROR "the consumer printed '${run_output}'")
+endif()
+run(${WORK_DIR}/prefix/bin/cellmap --version)
+run(${WORK_DIR}/prefix/bin/cellmapd --version)
+foreach(file share/cellmap/schema/cell.fbs share/cellmap/schema/FORMAT.md share/cellmap/schema/openapi.yaml)
+  if(NOT EXISTS ${WORK_DIR}/prefix/${file})
+    message(FATAL_ERROR "${file} was not installed")
+  endif()
+endforeach()
+file(REMOVE_RECURSE ${WORK_DIR})

@@ -1,0 +1,286 @@
+#!/usr/bin/env python3
+"""The main job on real LiDAR data and on real odometry error, through the built `cellmap` and `cellmapd`.
+
+  evaluate.py relocalise    each real data set ingested into a running cellmapd; held-back scans relocalised
+  evaluate.py odometry      kitti00-keyframes with five real odometries: errors before and after each stage
+  evaluate.py simulated     the simulator along KITTI 07 and 05 with real odometry error: the same table
+
+Options: --bin DIR (default build/release), --data DIR (default $CELLMAP_DATA or ../shared/data), --json FILE,
+--only NAME (one data set, odometry or route), --keep DIR (work here and keep it).
+Needs only Python's standard library. Prints Markdown tables.
+"""
+import argparse
+import json
+import math
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+# --- rigid transforms as row-major 3x4 lists ----------------------------------------------------------------
+
+def multiply(a, b):
+    rows = []
+    for i in range(3):
+        for j in range(4):
+            value = sum(a[4 * i + k] * b[4 * k + j] for k in range(3))
+            rows.append(value + (a[4 * i + 3] if j == 3 else 0.0))
+    return rows
+
+
+def inverse(a):
+    r = [a[4 * j + i] for i in range(3) for j in range(3)]
+    t = [-sum(r[3 * i + k] * a[4 * k + 3] for k in range(3)) for i in range(3)]
+    return [*r[0:3], t[0], *r[3:6], t[1], *r[6:9], t[2]]
+
+
+def yaw_pose(x, y, yaw):
+    c, s = math.cos(yaw), math.sin(yaw)
+    return [c, -s, 0, x, s, c, 0, y, 0, 0, 1, 0]
+
+
+def to_quaternion(a):
+    """x y z qx qy qz qw of a 3x4 pose."""
+    m = [[a[4 * i + j] for j in range(3)] for i in range(3)]
+    trace = m[0][0] + m[1][1] + m[2][2]
+    if trace > 0:
+        w = math.sqrt(1 + trace) / 2
+        q = [(m[2][1] - m[1][2]) / (4 * w), (m[0][2] - m[2][0]) / (4 * w), (m[1][0] - m[0][1]) / (4 * w), w]
+    else:
+        i = max(range(3), key=lambda k: m[k][k])
+        j, k = (i + 1) % 3, (i + 2) % 3
+        s = math.sqrt(1 + m[i][i] - m[j][j] - m[k][k])
+        q = [0.0] * 4
+        q[i] = s / 2
+        q[j] = (m[i][j] + m[j][i]) / (2 * s)
+        q[k] = (m[i][k] + m[k][i]) / (2 * s)
+        q[3] = (m[k][j] - m[j][k]) / (2 * s)
+    norm = math.sqrt(sum(v * v for v in q))
+    return [a[3], a[7], a[11], *[v / norm for v in q]]
+
+
+def from_quaternion(p):
+    x, y, z, qx, qy, qz, qw = p
+    return [1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qz * qw), 2 * (qx * qz + qy * qw), x,
+            2 * (qx * qy + qz * qw), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qx * qw), y,
+            2 * (qx * qz - qy * qw), 2 * (qy * qz + qx * qw), 1 - 2 * (qx * qx + qy * qy), z]
+
+
+def difference(a, b):
+    """Metres and degrees between two poses."""
+    d = multiply(inverse(a), b)
+    cosine = max(-1.0, min(1.0, (d[0] + d[5] + d[10] - 1) / 2))
+    return math.sqrt(d[3] ** 2 + d[7] ** 2 + d[11] ** 2), math.degrees(math.acos(cosine))
+
+
+def quantile(values, q):
+    values = sorted(values)
+    return values[min(len(values) - 1, int(q * len(values)))] if values else float("nan")
+
+
+# --- running the product --------------------------------------------------------------------------------------
+
+def rows_of(file):
+    return [[float(v) for v in line.split()] for line in Path(file).read_text().splitlines() if line.strip()]
+
+
+class Product:
+    def __init__(self, folder):
+        self.cellmap, self.cellmapd = folder / "client" / "cellmap", folder / "server" / "cellmapd"
+
+    def run(self, *arguments):
+        """Runs `cellmap ARGUMENTS --json` and returns what it printed."""
+        command = [str(self.cellmap), *map(str, arguments), "--json"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            raise RuntimeError(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
+        return json.loads(done.stdout) if done.stdout.strip() else {}
+
+
+class Server:
+    """A cellmapd on a free loopback port with a fresh store."""
+
+    def __init__(self, product, folder):
+        self.process = subprocess.Popen(
+            [str(product.cellmapd), "--store", str(folder / "map.db"), "--listen", "127.0.0.1:0", "--threads", "2"],
+            stdout=subprocess.PIPE, stderr=open(folder / "cellmapd.log", "w"), text=True)
+        line = self.process.stdout.readline()
+        self.url = re.search(r"http://\S+", line).group(0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait(30)
+
+
+def hold_back(source, scans_folder, poses_file, target, every):
+    """A data set without each `every`-th scan; returns [(scan file, its row of the pose file)] of those."""
+    target.mkdir(parents=True)
+    (target / "velodyne").mkdir()
+    scans = sorted(p for p in (source / scans_folder).iterdir() if p.suffix in (".bin", ".pcd", ".ply"))
+    poses = (source / poses_file).read_text().splitlines()
+    times = (source / "times.txt").read_text().split() if (source / "times.txt").exists() else None
+    if (source / "calib.txt").exists():
+        (target / "calib.txt").symlink_to(source / "calib.txt")
+    kept, held = [], []
+    for i, scan in enumerate(scans):
+        if i % every == every // 2:
+            held.append((scan, [float(v) for v in poses[i].split()]))
+        else:
+            kept.append(i)
+            (target / "velodyne" / scan.name).symlink_to(scan)
+    (target / "poses.txt").write_text("".join(poses[i] + "\n" for i in kept))
+    if times:
+        (target / "times.txt").write_text("".join(times[i] + "\n" for i in kept))
+    return held
+
+
+DATA_SETS = [
+    # name, scans folder, poses, hold back each n-th, options of ingest
+    ("kitti00-consecutive", "velodyne", "poses.txt", 5, []),
+    ("kitti00-dense", "velodyne", "poses_gt.txt", 5, []),
+    ("kitti00-keyframes", "velodyne", "poses_gt.txt", 10, ["--lattice-size", "20000"]),
+    ("mulran-kaist03", "scans", "optimized_poses.txt", 4, []),
+]
+
+
+def relocalise(product, data, work, only):
+    results = []
+    for name, scans_folder, poses_file, every, options in DATA_SETS:
+        if only and name != only:
+            continue
+        if not (data / name).exists():
+            print(f"skipped {name}: not in {data}", file=sys.stderr)
+            continue
+        folder = work / name
+        held = hold_back(data / name, scans_folder, poses_file, folder / "drive", every)
+        camera = (data / name / "calib.txt").exists()
+        with Server(product, folder) as server:
+            at = ["--server", server.url, "--map", name]
+            product.run("ingest", folder / "drive", *at, *options)
+            info = product.run("info", name, "--server", server.url)
+            truths = truth_in_sensor_frame(held, data / name / "calib.txt" if camera else None)
+            for prior_wrong in (True, False):
+                results.append(relocalise_all(product, at, name, info, held, truths, prior_wrong))
+    print("| data set | CELLs | bytes a CELL | prior | scans | found | wrong (> 1.5 m or 3 deg) | error m, median / 95 % "
+          "| error deg, median / 95 % | ms, median |\n|---|---|---|---|---|---|---|---|---|---|")
+    for r in results:
+        print(f"| {r['data']} | {r['cells']} | {r['bytes_per_cell']:.0f} | {r['prior']} | {r['queries']} | {r['found']} "
+              f"| {r['wrong']} | {r['error_m']['median']:.3f} / {r['error_m']['p95']:.3f} "
+              f"| {r['error_deg']['median']:.2f} / {r['error_deg']['p95']:.2f} | {r['query_ms']['median']:.0f} |")
+    return results
+
+
+def truth_in_sensor_frame(held, calib):
+    if calib is None:
+        return [row for _, row in held]
+    line = next(l for l in calib.read_text().splitlines() if l.startswith("Tr"))
+    tr = [float(v) for v in line.split()[1:]]
+    return [multiply(inverse(tr), multiply(row, tr)) for _, row in held]
+
+
+def relocalise_all(product, at, name, info, held, truths, prior_wrong):
+    randomness = random.Random(1)
+    metres, degrees, times, found, wrong = [], [], [], 0, 0
+    for (scan, _), truth in zip(held, truths):
+        arguments = []
+        if prior_wrong:
+            heading, sign = randomness.uniform(0, 2 * math.pi), randomness.choice((-1, 1))
+            off = yaw_pose(2 * math.cos(heading), 2 * math.sin(heading), sign * math.radians(10))
+            prior = to_quaternion(multiply(truth, off))
+            arguments = ["--prior", " ".join(f"{v:.9f}" for v in prior), "--radius", "10"]
+        answer = product.run("relocalise", scan, *at, *arguments)
+        times.append(answer["time_ms"])
+        if not answer["found"]:
+            continue
+        found += 1
+        error_m, error_deg = difference(truth, from_quaternion(answer["T_map_scan"]))
+        wrong += error_m > 1.5 or error_deg > 3
+        metres.append(error_m)
+        degrees.append(error_deg)
+    spread = lambda v: {"median": quantile(v, 0.5), "p95": quantile(v, 0.95)}
+    return {"data": name, "cells": info["cells"], "bytes_per_cell": info["stored_bytes"] / max(info["cells"], 1),
+            "prior": "2 m, 10 deg wrong" if prior_wrong else "none", "queries": len(held), "found": found,
+            "wrong": wrong, "error_m": spread(metres), "error_deg": spread(degrees), "query_ms": spread(times)}
+
+
+STAGES = [("odometry", ["--no-bidirectional", "--no-loops"]), ("bidirectional", ["--no-loops"]), ("loops", [])]
+
+
+def stage_errors(product, work, name, dataset, poses, truth, options):
+    """Errors of the corrected trajectory after each stage of the back end."""
+    row = {"data": name}
+    for stage, flags in STAGES:
+        store = work / f"{name}-{stage}.db"
+        product.run("build", dataset, "--poses", poses, "--store", store, "--map", "m", *options, *flags)
+        out = work / f"{name}-{stage}.txt"
+        product.run("export", "trajectory", "--store", store, "--map", "m", "--format", "kitti", "--out", out)
+        row[stage] = product.run("evaluate", "trajectory", "--estimate", out, "--truth", truth)
+        row[stage]["loops"] = len(product.run("loops", "list", "m", "--store", store)["loops"])
+    return row
+
+
+def print_stages(rows):
+    print("| drive | stage | t_rel % | r_rel deg/100 m | APE m | loops |\n|---|---|---|---|---|---|")
+    for row in rows:
+        for stage, _ in STAGES:
+            e = row[stage]
+            print(f"| {row['data']} | {stage} | {e['t_rel_percent']:.3f} | {e['r_rel_deg_per_100m']:.3f} "
+                  f"| {e['ape_rmse_m']:.3f} | {e['loops']} |")
+
+
+def odometry(product, data, work, only):
+    dataset = data / "kitti00-keyframes"
+    names = [p.stem.removeprefix("odom_") for p in sorted(dataset.glob("odom_*.txt"))]
+    rows = [stage_errors(product, work, name, dataset, dataset / f"odom_{name}.txt", dataset / "poses_gt.txt",
+                         ["--lattice-size", "20000"])
+            for name in names if not only or name == only]
+    print_stages(rows)
+    return rows
+
+
+def simulated(product, data, work, only):
+    rows = []
+    for sequence, system in (("07", "simple_online"), ("07", "gicp_f2f"), ("05", "simple_online"), ("05", "gicp_f2f")):
+        name = f"{sequence}-{system}"
+        if only and only not in name:
+            continue
+        drive = work / f"drive-{name}"
+        trajectories = data / "kitti-trajectories"
+        product.run("simulate", "--route", trajectories / "ground_truth" / f"{sequence}.txt", "--odometry",
+                    trajectories / "odometry" / system / f"{sequence}.txt", "--out", drive)
+        rows.append(stage_errors(product, work, name, drive, drive / "poses.txt", drive / "poses_gt.txt", []))
+    print_stages(rows)
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=["relocalise", "odometry", "simulated"])
+    parser.add_argument("--bin", type=Path, default=ROOT / "build" / "release")
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CELLMAP_DATA", ROOT / ".." / "shared" / "data")))
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--only")
+    parser.add_argument("--keep", type=Path)
+    arguments = parser.parse_args()
+    if not arguments.data.exists():
+        sys.exit(f"no real data at {arguments.data}: set CELLMAP_DATA")
+    verb = {"relocalise": relocalise, "odometry": odometry, "simulated": simulated}[arguments.what]
+    with tempfile.TemporaryDirectory() as temporary:
+        work = arguments.keep or Path(temporary)
+        work.mkdir(parents=True, exist_ok=True)
+        rows = verb(Product(arguments.bin.resolve()), arguments.data.resolve(), work.resolve(), arguments.only)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=2))
+
+
+if __name__ == "__main__":
+    main()
