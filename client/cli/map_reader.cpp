@@ -1,0 +1,146 @@
+#include "client/cli/map_reader.hpp"
+
+#include <filesystem>
+
+#include <CLI/CLI.hpp>
+
+#include "cellmap/codec/zstd.hpp"
+#include "cellmap/pipeline/refine.hpp"
+#include "cellmap/store/sqlite_store.hpp"
+
+namespace cellmap::cli {
+namespace {
+
+class ServerReader : public MapReader {
+ public:
+  explicit ServerReader(const Place& place) : client_(connect(place)) {}
+  std::vector<MapInfo> maps() override { return client_.maps(); }
+  MapInfo map(const std::string& name) override { return client_.map(name); }
+  CellPage cells(const std::string& map, const CellQuery& query) override {
+    return client_.cells(map, query);
+  }
+  EncodedCell cell(const std::string& map, const CellRecord& record) override {
+    return client_.cell(map, record.id).encoded;
+  }
+  void for_each_cell(
+      const std::string& map, std::span<const CellRecord> cells,
+      const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell) override {
+    client_.for_each_cell(map, cells, on_cell);
+  }
+  PoseGraph pose_graph(const std::string& map) override { return client_.pose_graph(map); }
+  LoopList loops(const std::string& map) override { return client_.loops(map); }
+  std::string trajectory_text(const std::string& map, const std::string& session,
+                              TrajectoryFormat format, TrajectoryStage stage) override {
+    return client_.trajectory_text(map, session, format, stage);
+  }
+
+ private:
+  Client client_;
+};
+
+class StoreReader : public MapReader {
+ public:
+  explicit StoreReader(const std::string& file) : store_(open_existing_store(file)) {}
+  std::vector<MapInfo> maps() override { return store_->maps(); }
+  MapInfo map(const std::string& name) override { return store_->map(name); }
+  CellPage cells(const std::string& map, const CellQuery& query) override {
+    return store_->cells(map, query);
+  }
+  EncodedCell cell(const std::string& map, const CellRecord& record) override {
+    return {record.hash,
+            zstd_decompress(*store_->compressed_cell(map, record.id), kMaxCellBytes)};
+  }
+  void for_each_cell(
+      const std::string& map, std::span<const CellRecord> cells,
+      const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell) override {
+    for (const CellRecord& record : cells) on_cell(record, cell(map, record));
+  }
+  PoseGraph pose_graph(const std::string& map) override { return store_->pose_graph(map); }
+  LoopList loops(const std::string& map) override {
+    PoseGraph graph = store_->pose_graph(map);
+    std::erase_if(graph.constraints,
+                  [](const Constraint& c) { return c.kind != ConstraintKind::kLoop; });
+    return {graph.revision, std::move(graph.constraints)};
+  }
+  std::string trajectory_text(const std::string& map, const std::string& session,
+                              TrajectoryFormat format, TrajectoryStage stage) override {
+    const std::vector<CellScans> stretches = store_->scans(map, session);
+    if (stretches.empty()) {
+      throw Error(ErrorCode::kNotFound,
+                  "map '" + map + "' has no scans of a session '" + session + "'");
+    }
+    if (stage == TrajectoryStage::kCorrected) {
+      return to_text(corrected_trajectory(stretches, store_->pose_graph(map).nodes), format);
+    }
+    std::vector<StampedPose> poses;
+    for (const CellScans& stretch : stretches) {
+      for (const ScanInCell& scan : stretch.scans) {
+        poses.push_back({scan.stamp, stretch.T_odom_cell * scan.T_cell_scan});
+      }
+    }
+    return to_text(Trajectory(std::move(poses)), format);
+  }
+
+ private:
+  std::unique_ptr<Store> store_;
+};
+
+}  // namespace
+
+void add_place_options(CLI::App& verb, Place& place, bool with_store) {
+  auto* server = verb.add_option("--server", place.server,
+                                 "Address of the server, for example http://127.0.0.1:8080");
+  server->envname("CELLMAP_SERVER");
+  if (with_store) {
+    verb.add_option("--store", place.store, "Store file of this machine, instead of --server");
+  }
+  verb.add_option("--cache", place.cache, "Folder that keeps fetched CELLs (default: none)")
+      ->envname("CELLMAP_CACHE");
+  verb.add_option("--timeout", place.timeout_s, "Longest silence of the server, seconds")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 86'400.0));
+}
+
+Client connect(const Place& place) {
+  if (place.server.empty()) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "no server was named; give --server http://HOST:PORT or set CELLMAP_SERVER");
+  }
+  ClientOptions options;
+  options.url = place.server;
+  options.cache_directory = place.cache;
+  options.read_timeout = std::chrono::milliseconds(static_cast<long>(place.timeout_s * 1000));
+  options.user_agent = "cellmap/" CELLMAP_VERSION;
+  return Client(std::move(options));
+}
+
+std::unique_ptr<Store> open_existing_store(const std::string& file) {
+  if (!std::filesystem::exists(file)) {
+    throw Error(ErrorCode::kNotFound,
+                "there is no store '" + file + "'; make one with 'cellmap build DATASET --store " +
+                    file + " --map NAME'");
+  }
+  return open_sqlite_store(file);
+}
+
+std::vector<CellRecord> MapReader::all_cells(const std::string& map) {
+  std::vector<CellRecord> all;
+  CellQuery query;
+  do {
+    const CellPage page = cells(map, query);
+    all.insert(all.end(), page.cells.begin(), page.cells.end());
+    query.cursor = page.next_cursor;
+  } while (!query.cursor.empty());
+  return all;
+}
+
+std::unique_ptr<MapReader> open_reader(const Place& place) {
+  if (!place.store.empty()) return std::make_unique<StoreReader>(place.store);
+  if (place.server.empty()) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "say where the map is: --server http://HOST:PORT or --store FILE");
+  }
+  return std::make_unique<ServerReader>(place);
+}
+
+}  // namespace cellmap::cli

@@ -1,0 +1,59 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "cellmap/client/client.hpp"
+#include "cellmap/store/store.hpp"
+
+namespace CLI {
+class App;
+}
+
+namespace cellmap::cli {
+
+/// Where the maps are: behind a server or in a store file of this machine.
+struct Place {
+  std::string server;  ///< --server URL, or the environment's CELLMAP_SERVER
+  std::string store;   ///< --store FILE
+  std::string cache;   ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
+  double timeout_s = 120;  ///< --timeout
+};
+
+/// Declares --server, --cache and --timeout, and --store where `with_store`.
+void add_place_options(CLI::App& verb, Place& place, bool with_store);
+
+/// A client for the place. Throws Error{kInvalidArgument} where no server was named.
+Client connect(const Place& place);
+
+/// Opens an existing store. Throws Error{kNotFound} where there is no such file: reading never
+/// makes one.
+std::unique_ptr<Store> open_existing_store(const std::string& file);
+
+/// Reads maps, wherever they are. Errors are those of `Client` and `Store`.
+class MapReader {
+ public:
+  virtual ~MapReader() = default;
+  virtual std::vector<MapInfo> maps() = 0;
+  virtual MapInfo map(const std::string& name) = 0;
+  virtual CellPage cells(const std::string& map, const CellQuery& query) = 0;
+  virtual EncodedCell cell(const std::string& map, const CellRecord& record) = 0;
+  virtual void for_each_cell(
+      const std::string& map, std::span<const CellRecord> cells,
+      const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell) = 0;
+  virtual PoseGraph pose_graph(const std::string& map) = 0;
+  virtual LoopList loops(const std::string& map) = 0;
+  virtual std::string trajectory_text(const std::string& map, const std::string& session,
+                                      TrajectoryFormat format, TrajectoryStage stage) = 0;
+
+  /// Every page of `cells`.
+  std::vector<CellRecord> all_cells(const std::string& map);
+};
+
+/// Throws Error{kInvalidArgument} where neither or both of server and store were named.
+std::unique_ptr<MapReader> open_reader(const Place& place);
+
+}  // namespace cellmap::cli
