@@ -15,8 +15,9 @@ static_assert(sizeof(schema::Plane) == sizeof(Plane),
 
 constexpr std::uint8_t kFibonacciVersion = 1;
 constexpr std::size_t kMaxTables = 64;
-constexpr BufferKind kCellKind = {"CELL", schema::CellIdentifier(), kMaxCellBytes,
-                                  [](flatbuffers::Verifier& v) { return schema::VerifyCellBuffer(v); }};
+constexpr BufferKind kCellKind = {"CELL", "CELL", kMaxCellBytes, [](flatbuffers::Verifier& v) {
+                                    return schema::VerifyCellBuffer(v);
+                                  }};
 
 const schema::Cell& root(const Bytes& bytes) { return *schema::GetCell(bytes.data()); }
 
@@ -92,7 +93,8 @@ Cell cell_from_wire(const schema::Cell& wire) {
 
 flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& builder,
                                                const Cell& cell) {
-  // The order of these lines is the order of the bytes: FORMAT.md, "How the library lays out a CELL".
+  // The order of these lines is the order of the bytes: FORMAT.md, "How the library lays out a
+  // CELL".
   schema::Plane* planes_begin = nullptr;
   const auto planes =
       builder.CreateUninitializedVectorOfStructs<schema::Plane>(cell.planes.size(), &planes_begin);
@@ -111,8 +113,8 @@ flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& b
   const schema::Hash256 no_hash_yet;
   const schema::Pose T_odom_cell = pose_to_wire(cell.T_odom_cell);
   return schema::CreateCell(builder, kFormatVersion, &no_hash_yet, lattice, indices, planes,
-                            session, cell.sequence, &T_odom_cell, cell.first_stamp,
-                            cell.last_stamp, cell.first_scan, cell.scan_count, statistics);
+                            session, cell.sequence, &T_odom_cell, cell.first_stamp, cell.last_stamp,
+                            cell.first_scan, cell.scan_count, statistics);
 }
 
 }  // namespace

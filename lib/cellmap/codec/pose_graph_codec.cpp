@@ -16,7 +16,7 @@ static_assert(sizeof(schema::Node) == 104 && sizeof(schema::Information) == 168 
               "a struct of the format has changed: every file would become unreadable");
 
 constexpr BufferKind kPoseGraphKind = {
-    "pose graph", schema::PoseGraphIdentifier(), kMaxPoseGraphBytes,
+    "pose graph", "CPGR", kMaxPoseGraphBytes,
     [](flatbuffers::Verifier& v) { return schema::VerifyPoseGraphBuffer(v); }};
 
 /// A constraint with storage of its own takes more bytes than this, so a buffer that needs more
@@ -38,7 +38,8 @@ void check_scores(const RegistrationScores& scores) {
                   is_share(scores.share_beyond) && std::isfinite(scores.median_residual_m) &&
                   scores.median_residual_m >= 0.0;
   if (!ok) {
-    throw corrupt("its scores are out of range: hits <= points, shares in [0, 1], a finite residual");
+    throw corrupt(
+        "its scores are out of range: hits <= points, shares in [0, 1], a finite residual");
   }
 }
 
@@ -113,15 +114,14 @@ RegistrationScores scores_from_wire(const schema::Scores* wire) {
           .median_residual_m = wire->median_residual_m()};
 }
 
-flatbuffers::Offset<schema::Constraint> constraint_to_wire(
-    flatbuffers::FlatBufferBuilder& builder, const Constraint& c) {
+flatbuffers::Offset<schema::Constraint> constraint_to_wire(flatbuffers::FlatBufferBuilder& builder,
+                                                           const Constraint& c) {
   const schema::Pose T_from_to = pose_to_wire(c.T_from_to);
   const schema::Information information = information_to_wire(c.information);
   const schema::Scores scores = scores_to_wire(c.scores);
-  return schema::CreateConstraint(builder, c.id.value, c.from.value, c.to.value,
-                                  static_cast<schema::ConstraintKind>(c.kind),
-                                  static_cast<schema::ConstraintOrigin>(c.origin), &T_from_to,
-                                  &information, &scores);
+  return schema::CreateConstraint(
+      builder, c.id.value, c.from.value, c.to.value, static_cast<schema::ConstraintKind>(c.kind),
+      static_cast<schema::ConstraintOrigin>(c.origin), &T_from_to, &information, &scores);
 }
 
 Constraint constraint_from_wire(const schema::Constraint& wire) {
@@ -140,7 +140,8 @@ Constraint constraint_from_wire(const schema::Constraint& wire) {
 std::map<CellId, Pose> nodes_from_wire(const flatbuffers::Vector<const schema::Node*>& wire) {
   std::map<CellId, Pose> nodes;
   for (flatbuffers::uoffset_t i = 0; i < wire.size(); ++i) {
-    // The verifier does not check the alignment of structs in vectors, so they are never used in place.
+    // The verifier does not check the alignment of structs in vectors, so they are never used in
+    // place.
     schema::Node node;
     std::memcpy(static_cast<void*>(&node), wire.Data() + i * sizeof(node), sizeof(node));
     const CellId cell{node.cell()};
@@ -177,9 +178,9 @@ Bytes encode_pose_graph(const PoseGraph& graph) {
     constraints.push_back(constraint_to_wire(builder, constraint));
   }
   const auto wire_constraints = builder.CreateVector(constraints);
-  schema::FinishPoseGraphBuffer(builder,
-                                schema::CreatePoseGraph(builder, kFormatVersion, graph.revision,
-                                                        wire_nodes, wire_constraints));
+  schema::FinishPoseGraphBuffer(
+      builder, schema::CreatePoseGraph(builder, kFormatVersion, graph.revision, wire_nodes,
+                                       wire_constraints));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   return Bytes(begin, begin + builder.GetSize());
 }

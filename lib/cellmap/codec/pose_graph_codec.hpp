@@ -15,8 +15,8 @@ constexpr std::size_t kMaxPoseGraphBytes = 512u << 20;
 /// matrices are written.
 Bytes encode_pose_graph(const PoseGraph& graph);
 
-/// Verifies and validates: finite rigid poses, increasing ids (constraints with id 0 are not numbered
-/// yet and may stand anywhere), known kinds, constraints between known nodes that pass
+/// Verifies and validates: finite rigid poses, increasing ids (constraints with id 0 are not
+/// numbered yet and may stand anywhere), known kinds, constraints between known nodes that pass
 /// `validate(constraint)`, scores in their ranges. Throws as `decode_cell` does.
 PoseGraph decode_pose_graph(std::span<const std::byte> bytes);
 

@@ -10,15 +10,15 @@ namespace cellmap {
 namespace {
 
 constexpr std::size_t kMaxTables = 64;
-constexpr BufferKind kScanKind = {"scan", schema::ScanIdentifier(),
-                                  kMaxScanPoints * 3 * sizeof(float) + 4096,
-                                  [](flatbuffers::Verifier& v) { return schema::VerifyScanBuffer(v); }};
+constexpr BufferKind kScanKind = {
+    "scan", "CSCN", kMaxScanPoints * 3 * sizeof(float) + 4096,
+    [](flatbuffers::Verifier& v) { return schema::VerifyScanBuffer(v); }};
 
 void check_point_count(std::size_t x, std::size_t y, std::size_t z) {
   if (x != y || x != z) {
     throw Error(ErrorCode::kCorruptData, "a scan has as many x as y and z, but found " +
-                                             std::to_string(x) + ", " + std::to_string(y) + " and " +
-                                             std::to_string(z));
+                                             std::to_string(x) + ", " + std::to_string(y) +
+                                             " and " + std::to_string(z));
   }
   if (x > kMaxScanPoints) {
     throw Error(ErrorCode::kTooLarge, "a scan has at most " + std::to_string(kMaxScanPoints) +

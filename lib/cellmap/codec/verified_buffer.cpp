@@ -13,7 +13,8 @@
 namespace cellmap {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "arrays are copied as they lie in a file");
+static_assert(std::endian::native == std::endian::little,
+              "arrays are copied as they lie in a file");
 static_assert(sizeof(schema::Pose) == 96 && sizeof(schema::Hash256) == 32,
               "a struct of the format has changed: every file would become unreadable");
 
@@ -35,7 +36,8 @@ void check_identifier(const Bytes& bytes, const BufferKind& kind) {
   }
   std::string found(reinterpret_cast<const char*>(bytes.data()) + kIdentifierOffset, 4);
   if (found == kind.identifier) return;
-  std::replace_if(found.begin(), found.end(), [](unsigned char c) { return !std::isprint(c); }, '?');
+  std::replace_if(
+      found.begin(), found.end(), [](unsigned char c) { return !std::isprint(c); }, '?');
   throw corrupt(kind, std::string("expected the identifier '") + kind.identifier + "', found '" +
                           found + "'");
 }

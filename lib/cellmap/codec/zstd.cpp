@@ -1,9 +1,11 @@
 #include "cellmap/codec/zstd.hpp"
 
-#include <memory>
-#include <string>
-
 #include <zstd.h>
+
+#include <algorithm>
+#include <memory>
+#include <new>
+#include <string>
 
 #include "cellmap/core/error.hpp"
 
@@ -15,8 +17,10 @@ Error corrupt(const std::string& what) {
 }
 
 bool starts_with_zstd_magic(std::span<const std::byte> frame) {
-  constexpr std::byte kMagic[] = {std::byte{0x28}, std::byte{0xB5}, std::byte{0x2F}, std::byte{0xFD}};
-  return frame.size() >= sizeof(kMagic) && std::equal(std::begin(kMagic), std::end(kMagic), frame.begin());
+  constexpr std::byte kMagic[] = {std::byte{0x28}, std::byte{0xB5}, std::byte{0x2F},
+                                  std::byte{0xFD}};
+  return frame.size() >= sizeof(kMagic) &&
+         std::equal(std::begin(kMagic), std::end(kMagic), frame.begin());
 }
 
 /// Looks only at headers: costs microseconds however much a frame claims to hold.
@@ -25,7 +29,8 @@ std::size_t declared_size(std::span<const std::byte> frame, std::size_t max_size
   if (!starts_with_zstd_magic(frame)) throw corrupt("the magic number is not 28 B5 2F FD");
   const unsigned long long declared = ZSTD_getFrameContentSize(frame.data(), frame.size());
   if (declared == ZSTD_CONTENTSIZE_ERROR) throw corrupt("the frame header is damaged");
-  if (declared == ZSTD_CONTENTSIZE_UNKNOWN) throw corrupt("the frame does not declare its content size");
+  if (declared == ZSTD_CONTENTSIZE_UNKNOWN)
+    throw corrupt("the frame does not declare its content size");
   if (declared > max_size) {
     throw Error(ErrorCode::kTooLarge, "a zstd frame declares " + std::to_string(declared) +
                                           " bytes, but at most " + std::to_string(max_size) +
@@ -48,7 +53,8 @@ Bytes zstd_compress(std::span<const std::byte> data, int level) {
                                                  std::to_string(ZSTD_maxCLevel()) + ", but " +
                                                  std::to_string(level) + " was given");
   }
-  const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
+  const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
+                                                                     ZSTD_freeCCtx);
   if (!context) throw std::bad_alloc();
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, level);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_contentSizeFlag, 1);
@@ -57,7 +63,8 @@ Bytes zstd_compress(std::span<const std::byte> data, int level) {
   const std::size_t size =
       ZSTD_compress2(context.get(), frame.data(), frame.size(), data.data(), data.size());
   if (ZSTD_isError(size)) {
-    throw Error(ErrorCode::kInternal, std::string("zstd could not compress: ") + ZSTD_getErrorName(size));
+    throw Error(ErrorCode::kInternal,
+                std::string("zstd could not compress: ") + ZSTD_getErrorName(size));
   }
   frame.resize(size);
   return frame;
