@@ -14,6 +14,4 @@ Bytes encode_scan(const PosedScan& scan);
 /// NaN or infinite, as in a raw sweep, and are dropped later by `filter_scan`.
 PosedScan decode_scan(std::span<const std::byte> bytes);
 
-constexpr std::size_t kMaxScanPoints = 2'000'000;
-
 }  // namespace cellmap
