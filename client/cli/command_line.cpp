@@ -1,11 +1,10 @@
 #include "client/cli/command_line.hpp"
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <new>
-#include <ostream>
-
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
+#include <ostream>
 
 #include "cellmap/core/error.hpp"
 #include "client/cli/exit_code.hpp"

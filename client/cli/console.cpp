@@ -4,9 +4,8 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
-#include <ostream>
-
 #include <nlohmann/json.hpp>
+#include <ostream>
 
 namespace cellmap::cli {
 

@@ -6,9 +6,9 @@
 
 namespace cellmap::cli {
 
-/// While it lives, Ctrl-C (SIGINT) and SIGTERM request a stop instead of ending the process; a second
-/// one ends it with code 130. Make it before other threads, in the main thread: it blocks the signals
-/// and waits for them in a thread of its own.
+/// While it lives, Ctrl-C (SIGINT) and SIGTERM request a stop instead of ending the process; a
+/// second one ends it with code 130. Make it before other threads, in the main thread: it blocks
+/// the signals and waits for them in a thread of its own.
 class Interrupt {
  public:
   Interrupt();

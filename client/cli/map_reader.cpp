@@ -1,8 +1,7 @@
 #include "client/cli/map_reader.hpp"
 
-#include <filesystem>
-
 #include <CLI/CLI.hpp>
+#include <filesystem>
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/pipeline/refine.hpp"
@@ -47,8 +46,7 @@ class StoreReader : public MapReader {
     return store_->cells(map, query);
   }
   EncodedCell cell(const std::string& map, const CellRecord& record) override {
-    return {record.hash,
-            zstd_decompress(*store_->compressed_cell(map, record.id), kMaxCellBytes)};
+    return {record.hash, zstd_decompress(*store_->compressed_cell(map, record.id), kMaxCellBytes)};
   }
   void for_each_cell(
       const std::string& map, std::span<const CellRecord> cells,
@@ -116,9 +114,9 @@ Client connect(const Place& place) {
 
 std::unique_ptr<Store> open_existing_store(const std::string& file) {
   if (!std::filesystem::exists(file)) {
-    throw Error(ErrorCode::kNotFound,
-                "there is no store '" + file + "'; make one with 'cellmap build DATASET --store " +
-                    file + " --map NAME'");
+    throw Error(ErrorCode::kNotFound, "there is no store '" + file +
+                                          "'; make one with 'cellmap build DATASET --store " +
+                                          file + " --map NAME'");
   }
   return open_sqlite_store(file);
 }

@@ -17,9 +17,9 @@ namespace cellmap::cli {
 
 /// Where the maps are: behind a server or in a store file of this machine.
 struct Place {
-  std::string server;  ///< --server URL, or the environment's CELLMAP_SERVER
-  std::string store;   ///< --store FILE
-  std::string cache;   ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
+  std::string server;      ///< --server URL, or the environment's CELLMAP_SERVER
+  std::string store;       ///< --store FILE
+  std::string cache;       ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
   double timeout_s = 120;  ///< --timeout
 };
 

@@ -28,23 +28,28 @@ std::string map_line(const MapInfo& map) {
 
 std::string map_text(const MapInfo& map) {
   std::string sessions;
-  for (const std::string& session : map.sessions) sessions += (sessions.empty() ? "" : ", ") + session;
+  for (const std::string& session : map.sessions)
+    sessions += (sessions.empty() ? "" : ", ") + session;
   const double cells = static_cast<double>(std::max<std::uint64_t>(map.cells, 1));
   std::string text = format("Map %s, revision %llu\n", map.name.c_str(),
                             static_cast<unsigned long long>(map.revision));
   text += format("  %-14s %s\n", "lattice", to_string(map.lattice).c_str());
-  text += format("  %-14s %s from %s scans (sessions: %s)\n", "CELLs", with_commas(map.cells).c_str(),
-                 with_commas(map.scans).c_str(), sessions.empty() ? "none" : sessions.c_str());
+  text +=
+      format("  %-14s %s from %s scans (sessions: %s)\n", "CELLs", with_commas(map.cells).c_str(),
+             with_commas(map.scans).c_str(), sessions.empty() ? "none" : sessions.c_str());
   text += format("  %-14s %s, %s a CELL\n", "planes", with_commas(map.planes).c_str(),
                  with_commas(static_cast<std::uint64_t>(double(map.planes) / cells)).c_str());
   text += format("  %-14s %s\n", "constraints", with_commas(map.constraints).c_str());
-  text += format("  %-14s %s, %s a CELL\n", "FlatBuffers", human_bytes(double(map.encoded_bytes)).c_str(),
+  text += format("  %-14s %s, %s a CELL\n", "FlatBuffers",
+                 human_bytes(double(map.encoded_bytes)).c_str(),
                  human_bytes(double(map.encoded_bytes) / cells).c_str());
-  text += format("  %-14s %s, %s a CELL\n", "stored (zstd)", human_bytes(double(map.stored_bytes)).c_str(),
+  text += format("  %-14s %s, %s a CELL\n", "stored (zstd)",
+                 human_bytes(double(map.stored_bytes)).c_str(),
                  human_bytes(double(map.stored_bytes) / cells).c_str());
   const double stored = static_cast<double>(map.stored_bytes);
   text += against("raw scans", map.raw_points, double(map.raw_points) * kRawPointBytes, stored);
-  text += against("0.4 m voxels", map.voxel_points, double(map.voxel_points) * kVoxelPointBytes, stored);
+  text += against("0.4 m voxels", map.voxel_points, double(map.voxel_points) * kVoxelPointBytes,
+                  stored);
   if (!map.bounds.isEmpty()) {
     const auto &low = map.bounds.min(), &high = map.bounds.max();
     text += format("  %-14s x %.1f to %.1f, y %.1f to %.1f, z %.1f to %.1f m\n", "bounds", low.x(),

@@ -6,8 +6,8 @@
 
 namespace cellmap::cli {
 
-/// A map's summary for people: counts, bytes a CELL and in all, against the raw points (16 B each) and
-/// the 0.4 m-downsampled points (12 B each).
+/// A map's summary for people: counts, bytes a CELL and in all, against the raw points (16 B each)
+/// and the 0.4 m-downsampled points (12 B each).
 std::string map_text(const MapInfo& map);
 
 /// One line a map.

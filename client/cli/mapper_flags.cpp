@@ -1,10 +1,9 @@
 #include "client/cli/mapper_flags.hpp"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
-
-#include <CLI/CLI.hpp>
 
 #ifdef CELLMAP_WITH_PCL
 #include "cellmap/pcl/scan_file.hpp"
@@ -67,13 +66,15 @@ void add_mapper_flags(CLI::App& verb, MapperFlags& flags) {
       ->group(group);
   verb.add_option("--min-range", flags.options.min_range_m, "Nearer points are dropped, metres [2]")
       ->group(group);
-  verb.add_option("--max-range", flags.options.max_range_m, "Farther points are dropped, metres [120]")
+  verb.add_option("--max-range", flags.options.max_range_m,
+                  "Farther points are dropped, metres [120]")
       ->group(group);
   verb.add_option("--angle-correction", flags.options.vertical_angle_correction_deg,
                   "Turns points up, degrees; KITTI needs 0.205 [0]")
       ->group(group);
-  verb.add_option("--lattice-size", flags.lattice_size,
-                  "Directions of the lattice of a map that is made [50000]; coarser suits sparse scans")
+  verb.add_option(
+          "--lattice-size", flags.lattice_size,
+          "Directions of the lattice of a map that is made [50000]; coarser suits sparse scans")
       ->check(CLI::Range(1000, 1'000'000))
       ->group(group);
   verb.add_option("--min-points", flags.options.min_points,
@@ -118,13 +119,15 @@ void add_drive_flags(CLI::App& verb, DriveFlags& flags) {
       ->required();
   verb.add_option("--poses", flags.poses,
                   "Odometry, KITTI or TUM format (default: poses.txt of the folder)");
-  verb.add_option("--pose-frame", flags.pose_frame,
-                  "Frame of KITTI poses: auto, camera or sensor; auto takes camera for the folder's own "
-                  "poses.txt beside a calib.txt")
+  verb.add_option(
+          "--pose-frame", flags.pose_frame,
+          "Frame of KITTI poses: auto, camera or sensor; auto takes camera for the folder's own "
+          "poses.txt beside a calib.txt")
       ->check(CLI::IsMember({"auto", "camera", "sensor"}))
       ->capture_default_str();
-  verb.add_option("--session", flags.session,
-                  "Name of this drive in the map (default: the folder's); the same name resumes it");
+  verb.add_option(
+      "--session", flags.session,
+      "Name of this drive in the map (default: the folder's); the same name resumes it");
 }
 
 PointCloud read_scan(const std::string& file) {

@@ -11,6 +11,7 @@
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/json.hpp"
 #include "cellmap/client/transport.hpp"
+#include "cellmap/codec/cell_batch.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/codec/zstd.hpp"
@@ -27,7 +28,6 @@ namespace {
 
 constexpr char kCellType[] = "application/vnd.cellmap.cell";
 constexpr char kScanType[] = "application/vnd.cellmap.scan";
-constexpr std::size_t kMaxBatchBytes = 512u << 20;
 constexpr std::size_t kBatchCells = 64;
 constexpr std::size_t kPageCells = 1000;
 
@@ -100,22 +100,11 @@ EncodedCell verified(Bytes bytes) {
   return {hash, std::move(bytes)};
 }
 
-std::uint32_t read_u32_le(std::string_view bytes) {
-  std::uint32_t value = 0;
-  for (int i = 3; i >= 0; --i) value = value << 8 | static_cast<unsigned char>(bytes[i]);
-  return value;
-}
-
-/// [u32 id][u32 length][CELL bytes] until the end.
 std::map<CellId, EncodedCell> split_batch(std::string_view body) {
   std::map<CellId, EncodedCell> cells;
-  while (!body.empty()) {
-    const std::size_t length = body.size() >= 8 ? read_u32_le(body.substr(4)) : 0;
-    if (body.size() < 8 || length > body.size() - 8) {
-      throw Error(ErrorCode::kCorruptData, "the server's batch of CELLs ends in the middle of one");
-    }
-    cells[CellId{read_u32_le(body)}] = verified(to_bytes(body.substr(8, length)));
-    body.remove_prefix(8 + length);
+  CellBatchReader reader(as_bytes(body));
+  while (const auto entry = reader.next()) {
+    cells[entry->id] = verified({entry->bytes.begin(), entry->bytes.end()});
   }
   return cells;
 }

@@ -1,0 +1,95 @@
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cellmap/client/files.hpp"
+#include "cellmap/client/mirror.hpp"
+#include "client/cli/command_line.hpp"
+#include "client/cli/map_reader.hpp"
+
+namespace cellmap::cli {
+namespace {
+
+struct Options {
+  Place place;
+  std::string map, out;
+  std::uint32_t cell = 0;
+};
+
+void fetch(const Options& options, const Console& console) {
+  Client client = connect(options.place);
+  const FetchedCell fetched = client.cell(options.map, CellId{options.cell});
+  const Cell cell = decode_cell(fetched.encoded.bytes);
+  if (!options.out.empty()) client::write_file_atomically(options.out, fetched.encoded.bytes);
+  client::Json json = {{"id", fetched.id.value},
+                       {"hash", to_hex(fetched.encoded.hash)},
+                       {"pose", client::to_json(fetched.T_map_cell)},
+                       {"revision", fetched.revision},
+                       {"session", cell.session},
+                       {"sequence", cell.sequence},
+                       {"planes", cell.planes.size()},
+                       {"bytes", fetched.encoded.bytes.size()},
+                       {"from_cache", fetched.from_cache}};
+  if (!options.out.empty()) json["file"] = options.out;
+  std::string text =
+      format("CELL %u of %s: %s planes, %s%s\n  hash %s\n  session %s, number %u\n",
+             fetched.id.value, options.map.c_str(), with_commas(cell.planes.size()).c_str(),
+             human_bytes(double(fetched.encoded.bytes.size())).c_str(),
+             fetched.from_cache ? ", from the cache (304)" : "",
+             to_hex(fetched.encoded.hash).c_str(), cell.session.c_str(), cell.sequence);
+  if (!options.out.empty()) text += "  written to " + options.out + "\n";
+  console.print(json, text);
+}
+
+void pull(const Options& options, const Console& console) {
+  Client client = connect(options.place);
+  PullReport report;
+  {
+    ProgressBar bar(console, "pull");
+    report = pull_map(client, options.map, options.out, [&](std::size_t done, std::size_t total) {
+      bar.update(done, total, "CELLs");
+    });
+  }
+  const client::Json json = {{"folder", options.out},
+                             {"from_revision", report.from},
+                             {"revision", report.to},
+                             {"cells", report.cells},
+                             {"fetched", report.fetched},
+                             {"fetched_bytes", report.fetched_bytes},
+                             {"moved", report.moved},
+                             {"removed", report.removed},
+                             {"started_over", report.started_over}};
+  console.print(
+      json,
+      format("%s is at revision %llu (was %llu): %s CELLs, of these fetched %s (%s), "
+             "moved %s\n",
+             options.out.c_str(), static_cast<unsigned long long>(report.to),
+             static_cast<unsigned long long>(report.from), with_commas(report.cells).c_str(),
+             with_commas(report.fetched).c_str(), human_bytes(double(report.fetched_bytes)).c_str(),
+             with_commas(report.moved).c_str()));
+}
+
+}  // namespace
+
+void add_fetch(CLI::App& app, Verbs& verbs) {
+  const auto fetched = std::make_shared<Options>();
+  CLI::App* one = verbs.add(app, "fetch", "Fetch and verify one CELL",
+                            "  cellmap fetch town 12 --server http://127.0.0.1:8080 --out 12.cell\n"
+                            "  cellmap fetch town 12 --server URL --cache ~/.cache/cellmap\n",
+                            [fetched](const Console& console) { fetch(*fetched, console); });
+  one->add_option("MAP", fetched->map, "Name of the map")->required();
+  one->add_option("CELL", fetched->cell, "Number of the CELL")->required();
+  one->add_option("--out", fetched->out, "File for its bytes (FlatBuffers)");
+  add_place_options(*one, fetched->place, false);
+
+  const auto pulled = std::make_shared<Options>();
+  CLI::App* all =
+      verbs.add(app, "pull", "Mirror a map into a folder; again: fetch only what changed",
+                "  cellmap pull town --server http://127.0.0.1:8080 --out town-mirror\n",
+                [pulled](const Console& console) { pull(*pulled, console); });
+  all->add_option("MAP", pulled->map, "Name of the map")->required();
+  all->add_option("--out", pulled->out, "Folder of the mirror")->required();
+  add_place_options(*all, pulled->place, false);
+}
+
+}  // namespace cellmap::cli

@@ -1,0 +1,160 @@
+#include <CLI/CLI.hpp>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "client/cli/arguments.hpp"
+#include "client/cli/command_line.hpp"
+#include "client/cli/map_reader.hpp"
+#include "client/cli/map_text.hpp"
+
+namespace cellmap::cli {
+namespace {
+
+struct Options {
+  Place place;
+  std::string map, near, box, session;
+  double radius_m = 0;
+  std::size_t limit = 1000;
+  std::uint64_t since = 0;
+  bool all = false;
+  std::uint32_t lattice_size = LatticeSpec{}.size;
+};
+
+void list_maps(const Options& options, const Console& console) {
+  client::Json json = client::Json::array();
+  std::string text;
+  for (const MapInfo& map : open_reader(options.place)->maps()) {
+    json.push_back(client::to_json(map));
+    text += map_line(map);
+  }
+  console.print({{"maps", json}}, text.empty() ? "No maps.\n" : text);
+}
+
+void create_map(const Options& options, const Console& console) {
+  const LatticeSpec lattice{LatticeKind::kFibonacci, options.lattice_size};
+  const MapInfo map =
+      options.place.store.empty()
+          ? connect(options.place).create_map(options.map, lattice)
+          : open_existing_store(options.place.store)->create_map(options.map, lattice);
+  console.print(client::to_json(map), map_text(map));
+}
+
+void delete_map(const Options& options, const Console& console) {
+  if (options.place.store.empty()) {
+    connect(options.place).delete_map(options.map);
+  } else {
+    open_existing_store(options.place.store)->delete_map(options.map);
+  }
+  console.print({{"deleted", options.map}}, "Deleted map " + options.map + ".\n");
+}
+
+void show_map(const Options& options, const Console& console) {
+  const MapInfo map = open_reader(options.place)->map(options.map);
+  console.print(client::to_json(map), map_text(map));
+}
+
+CellQuery query_of(const Options& options) {
+  CellQuery query;
+  query.limit = options.limit;
+  query.since = options.since;
+  if (!options.session.empty()) query.session = options.session;
+  if (options.near.empty() != (options.radius_m == 0)) {
+    throw Error(ErrorCode::kInvalidArgument, "--near \"x,y,z\" and --radius METRES go together");
+  }
+  if (!options.near.empty()) {
+    const auto near = parse_numbers<3>("--near", "x,y,z", options.near);
+    query.near = Eigen::Vector3d(near[0], near[1], near[2]);
+    query.radius_m = options.radius_m;
+  }
+  if (!options.box.empty()) {
+    const auto box = parse_numbers<6>("--bbox", "x0,y0,z0,x1,y1,z1", options.box);
+    query.box = Eigen::AlignedBox3d(Eigen::Vector3d(box[0], box[1], box[2]),
+                                    Eigen::Vector3d(box[3], box[4], box[5]));
+  }
+  return query;
+}
+
+void list_cells(const Options& options, const Console& console) {
+  const auto reader = open_reader(options.place);
+  CellQuery query = query_of(options);
+  CellPage page = reader->cells(options.map, query);
+  while (options.all && !page.next_cursor.empty()) {
+    query.cursor = page.next_cursor;
+    CellPage more = reader->cells(options.map, query);
+    page.cells.insert(page.cells.end(), more.cells.begin(), more.cells.end());
+    page.next_cursor = more.next_cursor;
+  }
+  std::string text;
+  for (const CellRecord& cell : page.cells) {
+    const auto position = cell.T_map_cell.translation();
+    text +=
+        format("%6u  %s  %9.2f %9.2f %8.2f  %6s planes  %9s  %s %u\n", cell.id.value,
+               to_hex(cell.hash).substr(0, 12).c_str(), position.x(), position.y(), position.z(),
+               with_commas(cell.planes).c_str(), human_bytes(double(cell.encoded_bytes)).c_str(),
+               cell.session.c_str(), cell.sequence);
+  }
+  if (text.empty()) text = "No CELLs.\n";
+  if (!page.next_cursor.empty()) text += "There are more: raise --limit or give --all.\n";
+  console.print(client::to_json(page), text);
+}
+
+void add_list(CLI::App& app, Verbs& verbs) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* list =
+      verbs.add(app, "maps", "List the maps; make or delete one",
+                "  cellmap maps --server http://127.0.0.1:8080\n"
+                "  cellmap maps create town --lattice-size 20000 --server URL\n"
+                "  cellmap maps delete town --server URL\n",
+                [options, &app](const Console& console) { list_maps(*options, console); });
+  add_place_options(*list, options->place, true);
+
+  const auto created = std::make_shared<Options>();
+  CLI::App* create = verbs.add(*list, "create", "Make an empty map",
+                               "  cellmap maps create town --server http://127.0.0.1:8080\n",
+                               [created](const Console& c) { create_map(*created, c); });
+  create->add_option("MAP", created->map, "1 to 64 characters [a-z0-9_-]")->required();
+  create->add_option("--lattice-size", created->lattice_size, "Directions of its lattice")
+      ->capture_default_str();
+  add_place_options(*create, created->place, true);
+
+  const auto deleted = std::make_shared<Options>();
+  CLI::App* remove = verbs.add(*list, "delete", "Delete a map with everything in it",
+                               "  cellmap maps delete town --server http://127.0.0.1:8080\n",
+                               [deleted](const Console& c) { delete_map(*deleted, c); });
+  remove->add_option("MAP", deleted->map, "Its name")->required();
+  add_place_options(*remove, deleted->place, true);
+}
+
+}  // namespace
+
+void add_maps(CLI::App& app, Verbs& verbs) {
+  add_list(app, verbs);
+
+  const auto shown = std::make_shared<Options>();
+  CLI::App* info = verbs.add(app, "info", "A map's summary: counts, bytes, bounds",
+                             "  cellmap info town --server http://127.0.0.1:8080\n"
+                             "  cellmap info town --store map.db --json\n",
+                             [shown](const Console& console) { show_map(*shown, console); });
+  info->add_option("MAP", shown->map, "Its name")->required();
+  add_place_options(*info, shown->place, true);
+
+  const auto listed = std::make_shared<Options>();
+  CLI::App* cells = verbs.add(app, "cells", "List CELLs by their current poses",
+                              "  cellmap cells town --near \"10,-3,0\" --radius 20 --server URL\n"
+                              "  cellmap cells town --bbox \"0,0,-5,50,50,5\" --store map.db\n",
+                              [listed](const Console& console) { list_cells(*listed, console); });
+  cells->add_option("MAP", listed->map, "Name of the map")->required();
+  add_place_options(*cells, listed->place, true);
+  cells->add_option("--near", listed->near, "\"x,y,z\" in the map frame; nearest come first");
+  cells->add_option("--radius", listed->radius_m, "Metres around --near")
+      ->check(CLI::PositiveNumber);
+  cells->add_option("--bbox", listed->box, "\"x0,y0,z0,x1,y1,z1\" in the map frame");
+  cells->add_option("--session", listed->session, "Only CELLs of this drive");
+  cells->add_option("--since", listed->since, "Only CELLs added or moved after this revision");
+  cells->add_option("--limit", listed->limit, "CELLs a page")
+      ->check(CLI::Range(1, 10'000))
+      ->capture_default_str();
+  cells->add_flag("--all", listed->all, "All pages");
+}
+
+}  // namespace cellmap::cli

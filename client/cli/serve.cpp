@@ -1,0 +1,75 @@
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <memory>
+#include <system_error>
+
+#include "cellmap/core/error.hpp"
+#include "client/cli/command_line.hpp"
+
+namespace cellmap::cli {
+namespace fs = std::filesystem;
+namespace {
+
+/// Beside this program (installed), or in the server's folder of the same build tree; else the PATH
+/// is searched.
+std::string find_cellmapd() {
+  std::error_code error;
+  const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
+  for (const fs::path& candidate :
+       {here / "cellmapd", here.parent_path() / "server" / "cellmapd"}) {
+    if (!error && fs::is_regular_file(candidate)) return candidate.string();
+  }
+  return "cellmapd";
+}
+
+[[noreturn]] void become_server(const std::vector<std::string>& arguments) {
+  const std::string program = find_cellmapd();
+  std::vector<char*> argv = {const_cast<char*>(program.c_str())};
+  for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
+  argv.push_back(nullptr);
+  ::execvp(program.c_str(), argv.data());
+  throw Error(ErrorCode::kNotFound, "cannot start cellmapd (" +
+                                        std::generic_category().message(errno) +
+                                        "): it is neither beside this program nor on the PATH");
+}
+
+struct Options {
+  std::string store, listen = "127.0.0.1:8080", log_level, threads;
+  std::vector<std::string> data_roots;
+};
+
+std::vector<std::string> server_arguments(const Options& options) {
+  std::vector<std::string> arguments = {"--store", options.store, "--listen", options.listen};
+  for (const std::string& root : options.data_roots) {
+    arguments.insert(arguments.end(), {"--data-root", root});
+  }
+  if (!options.threads.empty()) arguments.insert(arguments.end(), {"--threads", options.threads});
+  if (!options.log_level.empty()) {
+    arguments.insert(arguments.end(), {"--log-level", options.log_level});
+  }
+  return arguments;
+}
+
+}  // namespace
+
+void add_serve(CLI::App& app, Verbs& verbs) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* verb =
+      verbs.add(app, "serve", "Start the server (cellmapd) in place of this process",
+                "  cellmap serve --store map.db --listen 127.0.0.1:8080\n"
+                "  cellmap serve --store map.db --listen 0.0.0.0:8080 --data-root /drives\n",
+                [options](const Console&) { become_server(server_arguments(*options)); });
+  verb->add_option("--store", options->store, "Store file; made where it is missing")->required();
+  verb->add_option("--listen", options->listen, "HOST:PORT; port 0: any free one, printed at start")
+      ->capture_default_str();
+  verb->add_option("--data-root", options->data_roots,
+                   "Folder whose drives may be ingested by path (repeatable)");
+  verb->add_option("--threads", options->threads, "Worker threads (default: the server's)");
+  verb->add_option("--log-level", options->log_level, "How much it logs (default: the server's)");
+}
+
+}  // namespace cellmap::cli
