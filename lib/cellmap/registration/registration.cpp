@@ -103,9 +103,11 @@ RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
 }
 
 std::vector<RegistrationStage> default_registration_stages() {
-  return {{4, 2.0, RobustKernel::kNone, 0.05},
-          {3, 1.0, RobustKernel::kNone, 0.05},
-          {3, 0.5, RobustKernel::kNone, 0.05},
+  constexpr std::size_t kCoarsePoints = 20'000;
+  return {{4, 2.0, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {3, 1.0, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {3, 0.5, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {6, 0.5, RobustKernel::kGemanMcClure, 0.05, kCoarsePoints},
           {20, 0.5, RobustKernel::kGemanMcClure, 0.05}};
 }
 
