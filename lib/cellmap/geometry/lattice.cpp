@@ -210,15 +210,14 @@ std::uint32_t Lattice::nearest_in_zone(const Eigen::Vector3d& direction, double 
     chord2[k] = dz * dz + (r - corner_r) * (r - corner_r) +
                 r * corner_r * squared_chord_of_angle(turn * kRadiansPerUnit);
   }
-  const double least = *std::min_element(chord2.begin(), chord2.end());
-  std::int64_t best = -1;
+  // Without branches: which corner is nearest cannot be predicted.
+  const bool first = chord2[1] < chord2[0], second = chord2[3] < chord2[2];
+  const double least_01 = first ? chord2[1] : chord2[0], least_23 = second ? chord2[3] : chord2[2];
+  const std::int64_t best_01 = corners[first], best_23 = corners[2 + second];
+  const double least = std::min(least_01, least_23);
+  std::int64_t best = least_23 < least_01 ? best_23 : best_01;
   int near = 0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    if (chord2[k] <= least + kNearTie) {
-      best = corners[k];
-      ++near;
-    }
-  }
+  for (const double c : chord2) near += c <= least + kNearTie;
   if (near == 1) return static_cast<std::uint32_t>(best);
   double best_dot = -HUGE_VAL;
   for (std::size_t k = 0; k < 4; ++k) {
