@@ -40,6 +40,7 @@ std::string find_cellmapd() {
 struct Options {
   std::string store, listen = "127.0.0.1:8080", log_level, threads;
   std::vector<std::string> data_roots;
+  bool insecure = false;
 };
 
 std::vector<std::string> server_arguments(const Options& options) {
@@ -51,6 +52,7 @@ std::vector<std::string> server_arguments(const Options& options) {
   if (!options.log_level.empty()) {
     arguments.insert(arguments.end(), {"--log-level", options.log_level});
   }
+  if (options.insecure) arguments.push_back("--insecure");
   return arguments;
 }
 
@@ -61,7 +63,7 @@ void add_serve(CLI::App& app, Verbs& verbs) {
   CLI::App* verb =
       verbs.add(app, "serve", "Start the server (cellmapd) in place of this process",
                 "  cellmap serve --store map.db --listen 127.0.0.1:8080\n"
-                "  cellmap serve --store map.db --listen 0.0.0.0:8080 --data-root /drives\n",
+                "  cellmap serve --store map.db --listen 127.0.0.1:0 --data-root /drives\n",
                 [options](const Console&) { become_server(server_arguments(*options)); });
   verb->add_option("--store", options->store, "Store file; made where it is missing")->required();
   verb->add_option("--listen", options->listen, "HOST:PORT; port 0: any free one, printed at start")
@@ -69,6 +71,8 @@ void add_serve(CLI::App& app, Verbs& verbs) {
   verb->add_option("--data-root", options->data_roots,
                    "Folder whose drives may be ingested by path (repeatable)");
   verb->add_option("--threads", options->threads, "Worker threads (default: the server's)");
+  verb->add_flag("--insecure", options->insecure,
+                 "Listen beyond this machine although nobody is asked who they are");
   verb->add_option("--log-level", options->log_level, "How much it logs (default: the server's)");
 }
 
