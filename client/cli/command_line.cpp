@@ -56,7 +56,10 @@ CLI::App* Verbs::add(CLI::App& parent, const std::string& name, const std::strin
   verb->footer("Examples:\n" + examples);
   verb->add_flag("--json", json_, "Print one JSON document instead of text");
   verb->add_flag("--progress", progress_, "Show progress even where no terminal is attached");
-  verb->callback([this, run = std::move(run)] { chosen_ = run; });
+  // The parser calls a parent after its children: `maps create` is not `maps`.
+  verb->callback([this, verb, run = std::move(run)] {
+    if (verb->get_subcommands().empty()) chosen_ = run;
+  });
   return verb;
 }
 

@@ -100,12 +100,11 @@ void list_cells(const Options& options, const Console& console) {
 
 void add_list(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
-  CLI::App* list =
-      verbs.add(app, "maps", "List the maps; make or delete one",
-                "  cellmap maps --server http://127.0.0.1:8080\n"
-                "  cellmap maps create town --lattice-size 20000 --server URL\n"
-                "  cellmap maps delete town --server URL\n",
-                [options, &app](const Console& console) { list_maps(*options, console); });
+  CLI::App* list = verbs.add(app, "maps", "List the maps; make or delete one",
+                             "  cellmap maps --server http://127.0.0.1:8080\n"
+                             "  cellmap maps create town --lattice-size 20000 --server URL\n"
+                             "  cellmap maps delete town --server URL\n",
+                             [options](const Console& console) { list_maps(*options, console); });
   add_place_options(*list, options->place, true);
 
   const auto created = std::make_shared<Options>();

@@ -83,12 +83,39 @@ std::optional<std::uint64_t> send(Client& client, JobId id, const PosedScan& sca
   return std::nullopt;
 }
 
+/// Keeps the scans that are on their way few enough for the server's queue, because a queue that is
+/// full costs a whole Retry-After. Looks at the job only when the window is used up.
+class Window {
+ public:
+  Window(Client& client, const Job& job, const std::function<void(const Job&)>& on_progress)
+      : client_(client), id_(job.id), done_(job.scans_done), on_progress_(on_progress) {}
+
+  /// Returns when scan `next` has room, or after a second: then the server's answer decides.
+  void wait_for_room(std::uint64_t next, const std::stop_token& stop) {
+    constexpr std::uint64_t kScans = 8;
+    constexpr std::chrono::milliseconds kLook{20}, kLongest{1'000};
+    const auto begun = Clock::now();
+    while (next >= done_ + kScans && !stop.stop_requested()) {
+      const Job job = client_.job(id_);
+      done_ = job.scans_done;
+      if (on_progress_) on_progress_(job);
+      if (next < done_ + kScans || is_final(job.state) || Clock::now() - begun > kLongest) return;
+      std::this_thread::sleep_for(kLook);
+    }
+  }
+
+ private:
+  Client& client_;
+  JobId id_;
+  std::uint64_t done_;
+  const std::function<void(const Job&)>& on_progress_;
+};
+
 }  // namespace
 
 Job upload_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
                  const UploadOptions& options, const std::function<void(const Job&)>& on_progress,
                  std::stop_token stop) {
-  constexpr std::size_t kScansBetweenLooks = 10;
   request.path.clear();
   request.scans_total = source.size();
   Job job = wait_until_it_runs(client, start_or_join(client, map, request), options, stop);
@@ -97,14 +124,15 @@ Job upload_drive(Client& client, const std::string& map, IngestRequest request, 
 
   std::size_t next = job.next_scan.value();
   if (next < source.size()) source.seek(next);
+  Window window(client, job, on_progress);
   while (next < source.size()) {
+    window.wait_for_room(next, stop);
     const std::optional<PosedScan> scan = source.next();
     if (!scan) break;
     const auto wanted = send(client, job.id, *scan, options, stop);
     if (!wanted) return client.job(job.id);
     next = *wanted;
     if (next != scan->index + 1 && next < source.size()) source.seek(next);
-    if (on_progress && next % kScansBetweenLooks == 0) on_progress(client.job(job.id));
   }
   return client.complete_upload(job.id);
 }

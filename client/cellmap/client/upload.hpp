@@ -21,10 +21,10 @@ struct UploadOptions {
 /// the client, the network or a restart of the server), and does nothing for one that is whole.
 /// Returns the job after its last scan was handed over; it may still run: `Client::follow_job`.
 ///
-/// Back-pressure: a full queue (503) is waited out as Retry-After says. Where a stop is
-/// requested it returns the job as it is; the same call later goes on from there.
-/// Throws the job's own error where it fails meanwhile, Error{kUnavailable} where nothing moves
-/// within the patience, and what `ScanSource::next` and `Client` throw.
+/// Back-pressure: it stays a few scans ahead of the job; a full queue (503) is waited out as
+/// Retry-After says. Where a stop is requested it returns the job as it is; the same call later
+/// goes on from there. Throws the job's own error where it fails meanwhile, Error{kUnavailable}
+/// where nothing moves within the patience, and what `ScanSource::next` and `Client` throw.
 Job upload_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
                  const UploadOptions& options = {},
                  const std::function<void(const Job&)>& on_progress = {},
