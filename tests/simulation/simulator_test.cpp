@@ -135,7 +135,7 @@ TEST(Simulator, CarriesTheSensorAtItsMountingHeightInEveryLane) {
   for (const double offset_m : {0.0, 3.5, -1.5}) {
     options.lateral_offset_m = offset_m;
     const auto drive = simulate(options);
-    for (std::size_t i = 0; i < drive->size(); i += 60) {
+    for (std::size_t i = 0; i < drive->size(); i += 110) {
       drive->seek(i);
       const auto scan = drive->next();
       ASSERT_EQ(scan->points.size(), 4u) << i;

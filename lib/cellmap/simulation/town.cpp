@@ -15,7 +15,7 @@ constexpr Side kRight = -1, kLeft = 1;
 
 /// Where parked cars begin.
 constexpr double kerb_m(Side side) {
-  return (side == kRight ? kClearRight_m : kClearLeft_m) + 0.15;
+  return (side == kRight ? kClearRight_m : kClearLeft_m) + 0.3;
 }
 
 /// Where things of one kind stand: the distance of their near edge from the driven line.
@@ -158,7 +158,7 @@ void park_cars(Planner& town, Side side, double near_m, std::uint64_t seed) {
     if (!taken) continue;
     const Eigen::Vector2d half = vehicle_half_extent_m(static_cast<int>(details % kVehicleModels));
     town.place(ObjectKind::kCar, town.beside(s, side, setback, half, yaw + turned), 2.5, details,
-               0.2);
+               0.1);
   }
 }
 
