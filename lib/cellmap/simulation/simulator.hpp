@@ -22,7 +22,11 @@ struct LidarModel {
   double rate_hz = 10.0;
   double max_range_m = 120.0;
   double range_noise_m = 0.02;  ///< standard deviation
-  double drop_out = 0.02;       ///< share of returns lost at random
+  /// Power falls with the square of the range and with the cosine c of the angle of incidence:
+  /// nothing returns from beyond grazing_range_m * sqrt(c). 350 m lets the ground be seen to 60 m,
+  /// as real recordings do; 0 switches it off.
+  double grazing_range_m = 350.0;
+  double drop_out = 0.05;  ///< share of returns lost at random
   double mount_height_m = 1.73;
 
   /// "hdl64e", "os1-64", "vlp16"; Error{kInvalidArgument} lists them.
