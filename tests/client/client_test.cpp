@@ -374,10 +374,10 @@ TEST(ClientOptions, OutOfRangeIsRefused) {
   options.compression_level = 20;
   test::expect_error(
       ErrorCode::kInvalidArgument, [&] { Client{options}; }, "compression_level");
-  options = {};
-  options.read_timeout = milliseconds(0);
+  ClientOptions silent;
+  silent.read_timeout = milliseconds(0);
   test::expect_error(
-      ErrorCode::kInvalidArgument, [&] { Client{options}; }, "timeouts");
+      ErrorCode::kInvalidArgument, [&] { Client{silent}; }, "timeouts");
 }
 
 }  // namespace

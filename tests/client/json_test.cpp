@@ -67,7 +67,7 @@ TEST(Json, NumbersThatDoNotFitTheirTypeAreRefusedNotCut) {
   cell.session = "s";
   Json json = to_json(cell);
   EXPECT_NO_THROW(cell_record_from_json(json));
-  for (const Json wrong : {Json(-1), Json(4'294'967'296), Json(1.5), Json("7"), Json(nullptr)}) {
+  for (const Json& wrong : {Json(-1), Json(4'294'967'296), Json(1.5), Json("7"), Json(nullptr)}) {
     json["id"] = wrong;
     test::expect_error(ErrorCode::kCorruptData, [&] { cell_record_from_json(json); });
   }

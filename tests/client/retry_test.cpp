@@ -67,10 +67,10 @@ TEST(RetryOptions, OutOfRangeIsRefused) {
   options.attempts = 0;
   test::expect_error(
       ErrorCode::kInvalidArgument, [&] { options.validate(); }, "attempts");
-  options = {};
-  options.max_delay = milliseconds(1);
+  RetryOptions reversed;
+  reversed.max_delay = milliseconds(1);
   test::expect_error(
-      ErrorCode::kInvalidArgument, [&] { options.validate(); }, "first_delay");
+      ErrorCode::kInvalidArgument, [&] { reversed.validate(); }, "first_delay");
 }
 
 }  // namespace
