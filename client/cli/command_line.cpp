@@ -79,6 +79,12 @@ int run_command_line(const std::vector<std::string>& arguments, std::ostream& ou
   app.require_subcommand(1);
   app.footer(kExamples + exit_code_help());
   add_all(app, verbs);
+  const bool verb_given = !arguments.empty() && !arguments.front().starts_with('-');
+  const auto is_meant = [&](CLI::App* verb) { return verb->get_name() == arguments.front(); };
+  if (verb_given && app.get_subcommands(is_meant).empty()) {
+    err << "cellmap: there is no verb '" << arguments.front() << "'; see cellmap --help\n";
+    return kUsageError;
+  }
   try {
     app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const CLI::ParseError& error) {

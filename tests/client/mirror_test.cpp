@@ -39,7 +39,7 @@ struct FakeMap {
     entry.record.added = entry.record.moved = revision;
     entry.record.session = cell.session;
     cells[CellId{id}] = std::move(entry);
-    if (id == 0) return;
+    if (!cells.contains(CellId{id - 1})) return;
     Constraint constraint;
     constraint.id = ConstraintId{id};
     constraint.from = CellId{id - 1};
@@ -83,7 +83,8 @@ struct FakeMap {
   std::string batch(const std::string& request) {
     Bytes bytes;
     batches.emplace_back();
-    for (const Json& id : client::parse_json(request).at("ids")) {
+    const Json wanted = client::parse_json(request);
+    for (const Json& id : wanted.at("ids")) {
       batches.back().push_back(id);
       append_to_batch(bytes, CellId{id}, cells.at(CellId{id}).cell.bytes);
     }
