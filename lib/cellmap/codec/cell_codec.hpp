@@ -21,9 +21,9 @@ struct EncodedCell {
 /// Deterministic: equal CELLs give equal bytes. Throws Error{kCorruptData} where `validate` does.
 EncodedCell encode_cell(const Cell& cell);
 
-/// Trusts no byte: alignment, FlatBuffers verifier (bounded depth and tables), schema version, content
-/// hash, then `validate(cell)`. Throws Error{kCorruptData}, or {kUnsupported} for a newer version or
-/// an unknown lattice, or {kTooLarge} over `kMaxCellBytes`.
+/// Trusts no byte: alignment, FlatBuffers verifier (bounded depth and tables), schema version,
+/// content hash, then `validate(cell)`. Throws Error{kCorruptData}, or {kUnsupported} for a newer
+/// version or an unknown lattice, or {kTooLarge} over `kMaxCellBytes`.
 Cell decode_cell(std::span<const std::byte> bytes);
 
 /// The hash that the bytes claim, checked against them. Cheaper than decoding.

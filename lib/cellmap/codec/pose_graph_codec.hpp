@@ -7,11 +7,17 @@
 
 namespace cellmap {
 
-/// schema/pose_graph.fbs, identifier "CPGR". Deterministic.
+/// Limit of an encoded pose graph: about a million CELLs with their constraints.
+constexpr std::size_t kMaxPoseGraphBytes = 512u << 20;
+
+/// schema/pose_graph.fbs, identifier "CPGR". Deterministic. Throws Error{kCorruptData} for a graph
+/// that `decode_pose_graph` would refuse. Only the upper triangles of the (symmetric) information
+/// matrices are written.
 Bytes encode_pose_graph(const PoseGraph& graph);
 
-/// Verifies and validates (finite rigid poses, known kinds, constraints between known nodes).
-/// Throws as `decode_cell` does.
+/// Verifies and validates: finite rigid poses, increasing ids (constraints with id 0 are not
+/// numbered yet and may stand anywhere), known kinds, constraints between known nodes that pass
+/// `validate(constraint)`, scores in their ranges. Throws as `decode_cell` does.
 PoseGraph decode_pose_graph(std::span<const std::byte> bytes);
 
 }  // namespace cellmap

@@ -7,13 +7,12 @@
 
 namespace cellmap {
 
-/// A scan with stamp and odometry pose on its way to the server (schema/scan.fbs, identifier "CSCN").
+/// A scan with stamp and odometry pose on its way to the server (schema/scan.fbs, identifier
+/// "CSCN").
 Bytes encode_scan(const PosedScan& scan);
 
-/// Verifies and bounds (at most `kMaxScanPoints` points, equal lengths, rigid pose); coordinates may be
-/// NaN or infinite, as in a raw sweep, and are dropped later by `filter_scan`.
+/// Verifies and bounds (at most `kMaxScanPoints` points, equal lengths, rigid pose); coordinates
+/// may be NaN or infinite, as in a raw sweep, and are dropped later by `filter_scan`.
 PosedScan decode_scan(std::span<const std::byte> bytes);
-
-constexpr std::size_t kMaxScanPoints = 2'000'000;
 
 }  // namespace cellmap

@@ -12,7 +12,8 @@
 namespace cellmap {
 
 /// A CELL made ready to be registered to: the plane of any direction in one look-up.
-/// Immutable and safe to share between threads. Memory: about 4 bytes a lattice point plus 16 a plane.
+/// Immutable and safe to share between threads. Memory: about 4 bytes a lattice point plus 16 a
+/// plane.
 class RegistrationTarget {
  public:
   RegistrationTarget(std::shared_ptr<const Cell> cell, std::shared_ptr<const Lattice> lattice);
@@ -42,15 +43,28 @@ struct RegistrationStage {
   double kernel_width_m = 0.05;
 };
 
-/// The default schedule is FINDINGS' best: plain least squares through gates of 2, 1 and 0.5 m, then
-/// Geman-McClure of 0.05 m to convergence; converges from 1 m / 3 deg.
+/// The schedule that an empty `RegistrationOptions::stages` stands for: plain least squares through
+/// gates of 2, 1 and 0.5 m (4, 3 and 3 iterations), which brings 1 m / 3 deg into reach, then
+/// Geman-McClure of 0.05 m width until the update is small, at most 20 times, which takes away the
+/// bias of occlusion edges.
+std::vector<RegistrationStage> default_registration_stages();
+
 struct RegistrationOptions {
-  std::vector<RegistrationStage> stages;  ///< empty: the default schedule
+  /// Run in this order; empty: `default_registration_stages()`. Only the last one ends early: the
+  /// others run all their iterations.
+  std::vector<RegistrationStage> stages;
   double convergence_translation_m = 1e-4;  ///< a smaller update in the last stage ends it
   double convergence_rotation_rad = 1e-5;
-  std::size_t point_step = 1;  ///< every n-th point takes part; 1: all, as in the paper
-  int threads = 1;             ///< 0: all
+  /// Every n-th point takes part, in every iteration and in the scores; 1: all, as in the paper.
+  std::size_t point_step = 1;
+  /// Fewer points than this within the gate of an iteration: the registration fails.
+  std::size_t min_points_in_gate = 100;
+  /// `Degeneracy::degenerate` is set where `weakest_share` is below this.
+  double degeneracy_share = 0.005;
+  /// 0: all. The result does not depend on it: points are summed in fixed chunks.
+  int threads = 1;
 
+  /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;
 };
 
@@ -61,17 +75,18 @@ struct RegistrationScores {
   std::uint32_t hits = 0;
   double inlier_ratio_all = 0;  ///< within 0.2 m of the plane, over all points (the paper's)
   double inlier_ratio_hit = 0;  ///< within 0.2 m of the plane, over hit points
-  double share_in_front = 0;    ///< of hit points: more than 1 m nearer than the plane, along the normal
-  double share_beyond = 0;      ///< of hit points: more than 1 m behind the plane, along the normal
-  double median_residual_m = 0; ///< median absolute point-to-plane distance of hit points
+  double share_in_front =
+      0;  ///< of hit points: more than 1 m nearer than the plane, along the normal
+  double share_beyond = 0;  ///< of hit points: more than 1 m behind the plane, along the normal
+  double median_residual_m = 0;  ///< median absolute point-to-plane distance of hit points
 };
 
 /// Which motion the geometry does not hold, from the eigenvalues of the information per inlier.
 struct Degeneracy {
-  bool degenerate = false;      ///< a direction is weaker than the threshold
+  bool degenerate = false;            ///< a direction is weaker than the threshold
   Tangent weakest = Tangent::Zero();  ///< unit vector, target frame, at the scan's origin
-  double weakest_share = 0;     ///< its eigenvalue over the largest of its kind (translation or
-                                ///< rotation scaled by the median range), in [0, 1]
+  double weakest_share = 0;  ///< its eigenvalue over the largest of its kind (translation or
+                             ///< rotation scaled by the median range), in [0, 1]
 };
 
 /// The outcome of a registration. Not converged is a value, and never becomes a constraint.
@@ -79,11 +94,12 @@ struct RegistrationResult {
   Pose T_target_source = Pose::Identity();
   bool converged = false;
   int iterations = 0;
-  RegistrationScores scores;    ///< at the final pose; for bidirectional registration over both directions
-  double rmse_m = 0;            ///< of the inliers
+  RegistrationScores
+      scores;         ///< at the final pose; for bidirectional registration over both directions
+  double rmse_m = 0;  ///< of the inliers
   /// Gauss-Newton information of the last iteration for the left perturbation
-  /// exp(xi) * T_target_source, order (translation, rotation), scaled by the residual variance and by
-  /// the correlation between neighbouring points (see the .cpp).
+  /// exp(xi) * T_target_source, order (translation, rotation), scaled by the residual variance and
+  /// by the correlation between neighbouring points (see the .cpp).
   Matrix6d information = Matrix6d::Zero();
   Degeneracy degeneracy;
 };
@@ -92,14 +108,16 @@ struct RegistrationResult {
 /// estimate, is looked up in the lattice; point-to-plane Gauss-Newton with left perturbation;
 /// correspondences are renewed in every iteration. `scan` in its sensor frame.
 RegistrationResult register_scan(const RegistrationTarget& target, const PointCloud& scan,
-                                 const Pose& T_cell_scan_initial, const RegistrationOptions& options = {});
+                                 const Pose& T_cell_scan_initial,
+                                 const RegistrationOptions& options = {});
 
 /// Bidirectional registration of two CELLs with their base scans (paper, Sec. III-C, end): both
 /// directions in one normal system, correspondences of both renewed from the current estimate.
 /// `scan_a` in the frame of CELL a, `scan_b` in the frame of CELL b. The result is T_a_b.
 RegistrationResult register_cells(const RegistrationTarget& a, const PointCloud& scan_a,
                                   const RegistrationTarget& b, const PointCloud& scan_b,
-                                  const Pose& T_a_b_initial, const RegistrationOptions& options = {});
+                                  const Pose& T_a_b_initial,
+                                  const RegistrationOptions& options = {});
 
 /// The scores of a scan at a given pose, without registering it.
 RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud& scan,
@@ -111,8 +129,8 @@ struct AcceptanceOptions {
   double min_inlier_ratio_hit = 0.7;
   double max_share_in_front = 0.05;
   double max_median_residual_m = 0.15;
-  double min_hit_share = 0.2;          ///< hits over points
-  double min_inlier_ratio_all = 0.0;   ///< the paper's test is 0.2 here and nothing else
+  double min_hit_share = 0.2;         ///< hits over points
+  double min_inlier_ratio_all = 0.0;  ///< the paper's test is 0.2 here and nothing else
 
   void validate() const;
 };

@@ -41,22 +41,28 @@ class ScanSource {
   /// Makes `next` return scan `index` <= size().
   virtual void seek(std::size_t index) = 0;
 
-  /// Ground truth T_world_sensor where the drive carries it (the simulator's), else empty.
+  /// Ground truth T_world_sensor where the drive carries it, one pose a scan with the scan's stamp;
+  /// else empty.
   virtual const Trajectory& ground_truth() const = 0;
 };
 
 /// Reads one scan file into points; registered by extension so that PCL stays at the edge.
 using ScanFileReader = std::function<PointCloud(const std::filesystem::path&)>;
 
-/// In which frame a KITTI-format pose file gives its poses.
+/// In which frame a pose file gives its poses.
 enum class PoseFrame {
-  kAuto,    ///< camera where the folder has a calib.txt with Tr and the poses are its own poses.txt
+  /// For the folder's own poses.txt and poses_gt.txt: camera where the folder has a calib.txt
+  /// (which
+  /// must then hold Tr), else sensor. For any other pose file: sensor.
+  kAuto,
   kCamera,  ///< KITTI's left camera; T_sensor = Tr^-1 * T * Tr (calib.txt with Tr is required)
   kSensor,  ///< the LiDAR itself
 };
 
 struct DatasetOptions {
-  std::filesystem::path poses;  ///< trajectory file; empty: poses.txt in the folder
+  /// Trajectory file; empty: poses.txt in the folder. A relative path is looked for in the folder
+  /// first, then in the working directory. Whoever takes it from the network checks it first.
+  std::filesystem::path poses;
   PoseFrame pose_frame = PoseFrame::kAuto;
   /// Reader for ".pcd" and ".ply" (cellmap::pcl_io::read_scan_file); empty: such folders are
   /// refused with Error{kUnsupported}. ".bin" (KITTI: little-endian float32 x, y, z, intensity) is
@@ -66,14 +72,20 @@ struct DatasetOptions {
 
 /// Opens a recorded drive. Understands
 /// - KITTI odometry folders: velodyne/NNNNNN.bin, times.txt, calib.txt (Tr), poses.txt;
-/// - folders of .bin, .pcd or .ply scans (in the folder itself, in scans/ or in velodyne/, ordered
+/// - folders of .bin, .pcd or .ply scans (in velodyne/, in scans/ or in the folder itself; ordered
 /// by
-///   name) with a KITTI- or TUM-format trajectory. KITTI rows go by position; a TUM trajectory
-///   needs times.txt and is interpolated.
+///   the number at the end of the name, or by name) with a KITTI- or TUM-format trajectory. KITTI
+///   rows go by position; a TUM trajectory needs times.txt and is interpolated.
 /// times.txt holds one time in seconds a line; without it scans are 0.1 s apart.
-/// A trajectory may have more rows than there are scans only in KITTI format (extra rows are
-/// ignored). Throws Error{kNotFound}, {kInvalidArgument} or {kCorruptData} saying what was expected
-/// and found.
+/// times.txt and a KITTI trajectory may have more rows than there are scans where the scans are
+/// numbered 0, 1, 2, ... or carry no numbers (further rows are ignored); never fewer.
+/// poses_gt.txt in the folder becomes `ground_truth`, read by the same rules. It is in the same
+/// frame as poses.txt where the poses are the folder's own; else its frame is found as by kAuto.
+/// Only names, times and poses are kept: some 200 bytes a scan. A file that cannot be read throws
+/// from `next`, and `next` then tries it again; `seek` goes past it. `seek` beyond the end throws
+/// Error{kInvalidArgument}.
+/// Throws Error{kNotFound}, {kInvalidArgument}, {kUnsupported} or {kCorruptData} saying what was
+/// expected and found.
 std::unique_ptr<ScanSource> open_dataset(const std::filesystem::path& folder,
                                          const DatasetOptions& options = {});
 

@@ -35,6 +35,15 @@ void expect_rows(const TextTable& table) {
               table.file().string() + ": expected one pose a line, found none");
 }
 
+TrajectoryFormat format_of(const TextTable& table) {
+  expect_rows(table);
+  const TextRow& first = table.rows().front();
+  if (first.words.size() == kKittiColumns) return TrajectoryFormat::kKitti;
+  if (first.words.size() == kTumColumns) return TrajectoryFormat::kTum;
+  throw table.error(first, "expected a KITTI row of 12 numbers or a TUM row of 8, found " +
+                               std::to_string(first.words.size()));
+}
+
 Trajectory read_kitti(const TextTable& table, std::span<const Stamp> stamps) {
   expect_rows(table);
   const std::vector<TextRow>& rows = table.rows();
@@ -151,14 +160,13 @@ Trajectory read_tum_trajectory(const std::filesystem::path& file) {
   return read_tum(TextTable(file));
 }
 
+TrajectoryFormat trajectory_format(const std::filesystem::path& file) {
+  return format_of(TextTable(file));
+}
+
 Trajectory read_trajectory(const std::filesystem::path& file, std::span<const Stamp> stamps) {
   const TextTable table(file);
-  expect_rows(table);
-  const TextRow& first = table.rows().front();
-  if (first.words.size() == kKittiColumns) return read_kitti(table, stamps);
-  if (first.words.size() == kTumColumns) return read_tum(table);
-  throw table.error(first, "expected a KITTI row of 12 numbers or a TUM row of 8, found " +
-                               std::to_string(first.words.size()));
+  return format_of(table) == TrajectoryFormat::kKitti ? read_kitti(table, stamps) : read_tum(table);
 }
 
 std::string to_text(const Trajectory& trajectory, TrajectoryFormat format) {

@@ -55,6 +55,9 @@ Trajectory read_kitti_trajectory(const std::filesystem::path& file,
 /// start with # are comments). Throws as above, and {kCorruptData} where times do not increase.
 Trajectory read_tum_trajectory(const std::filesystem::path& file);
 
+/// The format of a trajectory file by the number of columns of its first row. Throws as above.
+TrajectoryFormat trajectory_format(const std::filesystem::path& file);
+
 /// KITTI or TUM, told apart by the number of columns of the first row (12 or 8). `stamps` serve
 /// KITTI rows only.
 Trajectory read_trajectory(const std::filesystem::path& file, std::span<const Stamp> stamps = {});

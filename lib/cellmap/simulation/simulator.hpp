@@ -12,8 +12,8 @@
 
 namespace cellmap {
 
-/// A spinning LiDAR. Defaults: HDL-64E-like, 64 beams from +2 to -24.8 deg, 10 Hz, about 2,083 columns
-/// a turn (133k rays, about 120k returns).
+/// A spinning LiDAR. Defaults: HDL-64E-like, 64 beams from +2 to -24.8 deg, 10 Hz, about 2,083
+/// columns a turn (133k rays, about 120k returns).
 struct LidarModel {
   std::string name = "hdl64e";
   int beams = 64;
@@ -21,8 +21,8 @@ struct LidarModel {
   int columns = 2083;
   double rate_hz = 10.0;
   double max_range_m = 120.0;
-  double range_noise_m = 0.02;   ///< standard deviation
-  double drop_out = 0.02;        ///< share of returns lost at random
+  double range_noise_m = 0.02;  ///< standard deviation
+  double drop_out = 0.02;       ///< share of returns lost at random
   double mount_height_m = 1.73;
 
   /// "hdl64e", "os1-64", "vlp16"; Error{kInvalidArgument} lists them.
@@ -31,30 +31,32 @@ struct LidarModel {
 };
 
 struct SimulatorOptions {
-  std::string route = "town";   ///< "town": generated, with loops; else a trajectory file (KITTI camera
-                                ///< or sensor frame, see `route_frame`; or TUM)
+  std::string route = "town";  ///< "town": generated, with loops; else a trajectory file (KITTI
+                               ///< camera or sensor frame, see `route_frame`; or TUM)
   PoseFrame route_frame = PoseFrame::kAuto;
-  std::size_t scans = 0;        ///< 0: the whole route
-  std::uint64_t seed = 1;       ///< world, noise and drift
-  std::string odometry = "drift";  ///< "truth", "drift" (seeded model), or a trajectory file estimated
-                                   ///< on the same route, row for row
+  std::size_t scans = 0;           ///< 0: the whole route
+  std::uint64_t seed = 1;          ///< world, noise and drift
+  std::string odometry = "drift";  ///< "truth", "drift" (seeded model), or a trajectory file
+                                   ///< estimated on the same route, row for row
   LidarModel lidar;
   int threads = 1;
-  /// Lateral offset of the driven line from the route, to the left [m]: another lane.
+  /// Lateral offset of the driven line from the route, to the left [m]: another lane; -2 to 4, the
+  /// strip that is kept free of standing things. The town does not depend on it.
   double lateral_offset_m = 0;
-  /// Seed of moved and parked cars, so that another day has the same town but other cars. 0: `seed`.
+  /// Seed of moved and parked cars, so that another day has the same town but other cars. 0:
+  /// `seed`.
   std::uint64_t traffic_seed = 0;
 
   void validate() const;
 };
 
-/// A deterministic synthetic town along a route, seen by a simulated LiDAR. The same options give the
-/// same bytes. Figures from it are simulated figures. Streams: one scan in memory at a time.
+/// A deterministic synthetic town along a route, seen by a simulated LiDAR. The same options give
+/// the same bytes. Figures from it are simulated figures. Streams: one scan in memory at a time.
 std::unique_ptr<ScanSource> simulate(const SimulatorOptions& options);
 
-/// Writes any source as a KITTI-layout folder: velodyne/NNNNNN.bin, times.txt, poses.txt (odometry) and
-/// poses_gt.txt (truth, where there is one), both KITTI rows in the sensor frame (no calib.txt).
-/// Throws Error{kAlreadyExists} where `folder` holds scans already.
+/// Writes any source as a KITTI-layout folder: velodyne/NNNNNN.bin, times.txt, poses.txt (odometry)
+/// and poses_gt.txt (truth, where there is one), both KITTI rows in the sensor frame (no
+/// calib.txt). Throws Error{kAlreadyExists} where `folder` holds scans already.
 void write_dataset(ScanSource& source, const std::filesystem::path& folder,
                    const std::stop_token& stop = {}, const ProgressCallback& progress = {});
 

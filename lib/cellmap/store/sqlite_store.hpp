@@ -10,6 +10,7 @@ namespace cellmap {
 struct SqliteStoreOptions {
   std::size_t cache_bytes = 64u << 20;  ///< LRU of hot CELL blobs
   int busy_timeout_ms = 5000;
+  std::size_t max_readers = 16;  ///< connections; a further reader waits for a free one
 };
 
 /// Opens or creates the embedded store: one SQLite file in WAL mode with 16 KiB pages,

@@ -1,0 +1,151 @@
+#pragma once
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "cellmap/client/cell_cache.hpp"
+#include "cellmap/client/resources.hpp"
+#include "cellmap/client/retry.hpp"
+#include "cellmap/client/url.hpp"
+
+namespace cellmap {
+
+struct ClientOptions {
+  std::string url = "http://127.0.0.1:8080";  ///< as `parse_server_url` reads it
+  std::chrono::milliseconds connect_timeout{5'000};
+  /// Longest silence of the server within an answer. Relocalising without a prior in a large map
+  /// is the slowest call.
+  std::chrono::milliseconds read_timeout{120'000};
+  std::chrono::milliseconds write_timeout{30'000};
+  RetryOptions retry;
+  std::filesystem::path cache_directory;  ///< of CELLs; empty: no cache
+  std::uint64_t cache_max_bytes = 1ull << 30;
+  int compression_level = 1;  ///< zstd level of uploaded scans and CELLs, 1 to 19; 0: uncompressed
+  std::string user_agent = "cellmap-client";
+
+  /// Throws Error{kInvalidArgument} naming the option and its range.
+  void validate() const;
+};
+
+/// Talks to a CELLmap server: every resource of its API (schema/openapi.yaml) as a typed call.
+///
+/// Errors, of every call: the server's problem document becomes an Error with the same code and the
+/// server's explanation. No connection, or an overloaded server, after the retries of
+/// `RetryOptions`: Error{kUnavailable}. A connection that breaks: Error{kIo}. Bytes that fail their
+/// hash or their format, and JSON that is not as the API describes it: Error{kCorruptData}.
+/// An answer over its limit (64 MiB of JSON, `kMaxCellBytes` a CELL, 512 MiB a batch):
+/// Error{kTooLarge}.
+///
+/// One keep-alive connection, opened with the first call. No threads of its own. An object serves
+/// one thread at a time; use one a thread (they may share the cache directory).
+class Client {
+ public:
+  /// Checks options and address, opens the cache; does not connect.
+  explicit Client(ClientOptions options);
+  ~Client();
+  Client(Client&&) noexcept;
+  Client& operator=(Client&&) noexcept;
+
+  const ServerUrl& url() const;
+
+  // --- service ------------------------------------------------------------------------------
+
+  /// Returns where the server can serve; Error{kUnavailable} where it cannot.
+  void check_ready();
+  std::string metrics();       ///< Prometheus text
+  std::string openapi_yaml();  ///< the description of the API that the server carries
+
+  // --- maps ---------------------------------------------------------------------------------
+
+  std::vector<MapInfo> maps();
+  /// Error{kAlreadyExists} where the name is taken. Not idempotent.
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice = {});
+  MapInfo map(const std::string& name);
+  void delete_map(const std::string& name);
+
+  // --- CELLs --------------------------------------------------------------------------------
+
+  /// One page; follow `next_cursor` for more, or use `all_cells`.
+  CellPage cells(const std::string& map, const CellQuery& query = {});
+  /// Every CELL that the query names, page by page (`limit` and `cursor` are set here). Revisions
+  /// of the pages may differ where the map changes meanwhile.
+  std::vector<CellRecord> all_cells(const std::string& map, CellQuery query = {});
+
+  /// One CELL, verified. With a cache: conditional (If-None-Match), and no bytes are sent where
+  /// the cache has what the server names.
+  FetchedCell cell(const std::string& map, CellId id);
+
+  /// Stores a CELL. The same content again is no error; other content is Error{kConflict}.
+  /// `T_map_cell` defaults to the pose that the CELL was born at.
+  PutCellResult put_cell(const std::string& map, CellId id, const EncodedCell& cell,
+                         const std::optional<Pose>& T_map_cell = {});
+
+  /// CELLs by id in one answer, each verified; from the cache where it has them is up to the caller
+  /// (`cells` gives the hashes). The server may cut the answer: see `CellBatch::remaining`.
+  CellBatch cells_batch(const std::string& map, std::span<const CellId> ids);
+  /// CELLs added after a revision in one answer.
+  CellBatch cells_batch_since(const std::string& map, Revision since);
+  /// The CELLs of a list, through the cache and as many batches as it takes. Calls `on_cell` once
+  /// a CELL, in no particular order.
+  void for_each_cell(const std::string& map, std::span<const CellRecord> cells,
+                     const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell);
+
+  // --- pose graph -----------------------------------------------------------------------------
+
+  PoseGraph pose_graph(const std::string& map, std::optional<Revision> revision = {});
+  Changes changes(const std::string& map, Revision since);
+  /// The drive of a session, as text in the asked format, one row a scan.
+  std::string trajectory_text(const std::string& map, const std::string& session,
+                              TrajectoryFormat format,
+                              TrajectoryStage stage = TrajectoryStage::kCorrected);
+
+  // --- relocalisation and loops ---------------------------------------------------------------
+
+  /// Where a scan (sensor frame) was taken. "Not found" is an answer, no error.
+  Relocalisation relocalise(const std::string& map, const PointCloud& scan,
+                            const std::optional<PosePrior>& prior = {});
+
+  LoopList loops(const std::string& map);
+  Constraint loop(const std::string& map, ConstraintId id);
+  /// Adds a measured constraint and optimises. `information` (translation, rotation) defaults to
+  /// the server's. Not idempotent: a broken connection leaves it open whether it was added.
+  LoopReport add_loop(const std::string& map, CellId from, CellId to, const Pose& T_from_to,
+                      const std::optional<Matrix6d>& information = {});
+  /// Looks for loops of a CELL, adds what passes and optimises.
+  LoopReport detect_loops(const std::string& map, CellId cell);
+  /// Removes a loop and optimises without it.
+  LoopReport delete_loop(const std::string& map, ConstraintId id);
+
+  // --- jobs -----------------------------------------------------------------------------------
+
+  std::vector<Job> jobs(const std::string& map);
+  Job job(JobId id);
+  /// Starts an ingest. A session that is stored in part goes on after its last CELL, one that is
+  /// stored whole ends at once; Error{kConflict} where another unfinished job ingests it.
+  Job start_ingest(const std::string& map, const IngestRequest& request);
+  /// Sends the next scan of an upload. Another index being expected is a value; a full queue
+  /// is waited out as Retry-After says, then Error{kUnavailable}.
+  PutScanResult put_scan(JobId id, const PosedScan& scan);
+  /// Says that there are no more scans.
+  Job complete_upload(JobId id);
+  Job cancel_job(JobId id);
+  /// Waits until a job reaches a final state, over server-sent events, or by asking every
+  /// half second where those fail. Calls `on_progress` with what arrives. Returns the final job, or
+  /// the latest one where a stop was requested: the job itself goes on. A server that stays away
+  /// longer than the retries ends it with Error{kUnavailable}.
+  Job follow_job(JobId id, const std::function<void(const Job&)>& on_progress = {},
+                 std::stop_token stop = {});
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cellmap

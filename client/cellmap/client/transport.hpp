@@ -1,0 +1,63 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <string_view>
+
+#include "cellmap/client/client.hpp"
+
+namespace cellmap::client {
+
+/// Header names in lower case.
+using Headers = std::map<std::string, std::string>;
+
+struct HttpRequest {
+  std::string method = "GET";
+  std::string path;  ///< below the server's prefix, with query, percent-encoded
+  Headers headers;
+  std::string body;
+  std::size_t max_answer_bytes = 64u << 20;  ///< a longer body is Error{kTooLarge}
+  bool idempotent = true;  ///< may be sent again where it is not known whether it arrived
+};
+
+struct HttpResponse {
+  int status = 0;
+  Headers headers;
+  std::string body;  ///< decompressed where the server sent zstd
+
+  std::string header(const std::string& lower_case_name) const;  ///< "" where it is missing
+};
+
+/// One keep-alive connection to a server, with retries and bounded answers. Not thread safe.
+class Transport {
+ public:
+  explicit Transport(const ClientOptions& options);
+  ~Transport();
+
+  const ServerUrl& url() const { return url_; }
+
+  /// Any answer with a status below 400, or 409 where `HttpRequest` is prepared for it through
+  /// `accept_conflict`. Throws the problem's Error for others, Error{kUnavailable} where no
+  /// connection can be had, Error{kIo} where one breaks.
+  HttpResponse perform(const HttpRequest& request, bool accept_conflict = false);
+
+  /// GETs an endless answer piece by piece until `receive` returns false, the server ends it or a
+  /// stop is requested. One attempt, on a connection of its own. Returns false where the connection
+  /// failed or the server refused.
+  bool stream(const std::string& path, const std::string& accept,
+              const std::function<bool(std::string_view)>& receive, std::stop_token stop);
+
+ private:
+  struct Attempt;
+  Attempt attempt(const HttpRequest& request);
+
+  struct Impl;
+  ClientOptions options_;
+  ServerUrl url_;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cellmap::client

@@ -1,0 +1,148 @@
+#include "cellmap/codec/cell_codec.hpp"
+
+#include <cstring>
+#include <string>
+
+#include "cellmap/codec/verified_buffer.hpp"
+#include "cellmap/core/error.hpp"
+#include "cellmap/schema/cell_generated.h"
+
+namespace cellmap {
+namespace {
+
+static_assert(sizeof(schema::Plane) == sizeof(Plane),
+              "a struct of the format has changed: every file would become unreadable");
+
+constexpr std::uint8_t kFibonacciVersion = 1;
+constexpr std::size_t kMaxTables = 64;
+constexpr BufferKind kCellKind = {"CELL", "CELL", kMaxCellBytes, [](flatbuffers::Verifier& v) {
+                                    return schema::VerifyCellBuffer(v);
+                                  }};
+
+const schema::Cell& root(const Bytes& bytes) { return *schema::GetCell(bytes.data()); }
+
+/// SHA-256 of the bytes without their own hash, which is set to zero.
+ContentHash clear_and_hash(Bytes& bytes, std::size_t hash_offset) {
+  std::memset(bytes.data() + hash_offset, 0, sizeof(ContentHash));
+  return sha256(bytes);
+}
+
+std::size_t hash_offset(const Bytes& bytes) {
+  const auto* hash = reinterpret_cast<const std::byte*>(root(bytes).content_hash());
+  return static_cast<std::size_t>(hash - bytes.data());
+}
+
+ContentHash check_hash(Bytes& bytes) {
+  const std::size_t offset = hash_offset(bytes);
+  ContentHash claimed;
+  std::memcpy(claimed.bytes.data(), bytes.data() + offset, sizeof(claimed));
+  const ContentHash actual = clear_and_hash(bytes, offset);
+  if (claimed != actual) {
+    throw Error(ErrorCode::kCorruptData, "the CELL is damaged: it claims the content hash " +
+                                             to_hex(claimed) + ", but its bytes have " +
+                                             to_hex(actual));
+  }
+  return actual;
+}
+
+LatticeSpec lattice_from_wire(const schema::Lattice& wire) {
+  if (wire.kind() != schema::LatticeKind::Fibonacci || wire.version() != kFibonacciVersion) {
+    throw Error(ErrorCode::kUnsupported,
+                "the CELL's lattice has the kind " + std::to_string(int(wire.kind())) +
+                    ", version " + std::to_string(wire.version()) +
+                    ", but this build knows only the Fibonacci lattice: kind 1, version 1");
+  }
+  const LatticeSpec spec{.kind = LatticeKind::kFibonacci, .size = wire.size()};
+  spec.validate();
+  return spec;
+}
+
+CellStatistics statistics_from_wire(const schema::Statistics* wire) {
+  if (!wire) return {};
+  return {.points = wire->points(),
+          .points_in_planes = wire->points_in_planes(),
+          .patches_hit = wire->patches_hit(),
+          .rejected_few_points = wire->rejected_few_points(),
+          .rejected_gap = wire->rejected_gap(),
+          .rejected_planarity = wire->rejected_planarity(),
+          .rejected_grazing = wire->rejected_grazing()};
+}
+
+template <typename Value, typename WireVector>
+std::vector<Value> vector_from_wire(const WireVector& wire) {
+  std::vector<Value> values(wire.size());
+  if (!values.empty()) std::memcpy(values.data(), wire.Data(), values.size() * sizeof(Value));
+  return values;
+}
+
+Cell cell_from_wire(const schema::Cell& wire) {
+  Cell cell;
+  cell.lattice = lattice_from_wire(*wire.lattice());
+  cell.indices = vector_from_wire<std::uint32_t>(*wire.indices());
+  cell.planes = vector_from_wire<Plane>(*wire.planes());
+  cell.session = wire.session()->str();
+  cell.sequence = wire.sequence();
+  cell.T_odom_cell = pose_from_wire(wire.t_odom_cell(), "the CELL's pose T_odom_cell");
+  cell.first_stamp = wire.first_stamp_ns();
+  cell.last_stamp = wire.last_stamp_ns();
+  cell.first_scan = wire.first_scan();
+  cell.scan_count = wire.scan_count();
+  cell.statistics = statistics_from_wire(wire.statistics());
+  return cell;
+}
+
+flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& builder,
+                                               const Cell& cell) {
+  // The order of these lines is the order of the bytes: FORMAT.md, "How the library lays out a
+  // CELL".
+  schema::Plane* planes_begin = nullptr;
+  const auto planes =
+      builder.CreateUninitializedVectorOfStructs<schema::Plane>(cell.planes.size(), &planes_begin);
+  if (!cell.planes.empty()) {
+    std::memcpy(static_cast<void*>(planes_begin), cell.planes.data(),
+                cell.planes.size() * sizeof(Plane));
+  }
+  const auto indices = builder.CreateVector(cell.indices);
+  const auto session = builder.CreateString(cell.session);
+  const auto lattice = schema::CreateLattice(builder, schema::LatticeKind::Fibonacci,
+                                             kFibonacciVersion, cell.lattice.size);
+  const CellStatistics& s = cell.statistics;
+  const auto statistics = schema::CreateStatistics(
+      builder, s.points, s.points_in_planes, s.patches_hit, s.rejected_few_points, s.rejected_gap,
+      s.rejected_planarity, s.rejected_grazing);
+  const schema::Hash256 no_hash_yet;
+  const schema::Pose T_odom_cell = pose_to_wire(cell.T_odom_cell);
+  return schema::CreateCell(builder, kFormatVersion, &no_hash_yet, lattice, indices, planes,
+                            session, cell.sequence, &T_odom_cell, cell.first_stamp, cell.last_stamp,
+                            cell.first_scan, cell.scan_count, statistics);
+}
+
+}  // namespace
+
+EncodedCell encode_cell(const Cell& cell) {
+  cell.lattice.validate();
+  validate(cell);
+  flatbuffers::FlatBufferBuilder builder(1024 + 20 * cell.planes.size());
+  schema::FinishCellBuffer(builder, cell_to_wire(builder, cell));
+  const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
+  EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
+  const std::size_t offset = hash_offset(encoded.bytes);
+  encoded.hash = clear_and_hash(encoded.bytes, offset);
+  std::memcpy(encoded.bytes.data() + offset, encoded.hash.bytes.data(), sizeof(ContentHash));
+  return encoded;
+}
+
+Cell decode_cell(std::span<const std::byte> bytes) {
+  Bytes copy = verified_copy(bytes, kCellKind, kMaxTables);
+  check_hash(copy);
+  Cell cell = cell_from_wire(root(copy));
+  validate(cell);
+  return cell;
+}
+
+ContentHash verified_hash(std::span<const std::byte> bytes) {
+  Bytes copy = verified_copy(bytes, kCellKind, kMaxTables);
+  return check_hash(copy);
+}
+
+}  // namespace cellmap

@@ -1,0 +1,249 @@
+#include "cellmap/geometry/lattice.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <numbers>
+
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr std::uint32_t kMinSize = 1'000;
+constexpr std::uint32_t kMaxSize = 1'000'000;
+
+/// 2^64 / phi, rounded down.
+constexpr std::uint64_t kTurnPerIndex = 0x9E3779B97F4A7C15ULL;
+constexpr double kRadiansPerUnit = 2.0 * std::numbers::pi * 0x1p-64;
+
+/// Caps reach to this many mean point spacings from the poles.
+constexpr double kCapSpacings = 8.0;
+/// Squared chords of corners are compared in double dot products when closer than this.
+constexpr double kNearTie = 1e-13;
+
+/// Azimuth of a lattice point in units of 2^-64 turn, modulo one turn.
+std::uint64_t azimuth_units(std::uint64_t index) { return index * kTurnPerIndex; }
+
+struct CosSin {
+  double cos, sin;
+};
+
+/// Cosine and sine of an azimuth from basic IEEE operations only.
+CosSin cos_sin(std::uint64_t units) {
+  const std::uint64_t quarter = (units + (std::uint64_t{1} << 61)) >> 62;
+  const double x =
+      static_cast<double>(static_cast<std::int64_t>(units - (quarter << 62))) * kRadiansPerUnit;
+  const double x2 = x * x;
+  double s = 1.0, c = 1.0;
+  for (int n = 16; n >= 2; n -= 2) {
+    s = 1.0 - x2 / (n * (n + 1)) * s;
+    c = 1.0 - x2 / (n * (n - 1)) * c;
+  }
+  s *= x;
+  switch (quarter) {
+    case 0:
+      return {c, s};
+    case 1:
+      return {-s, c};
+    case 2:
+      return {-c, -s};
+    default:
+      return {s, -c};
+  }
+}
+
+double dot(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return a.x() * b.x() + a.y() * b.y() + a.z() * b.z();
+}
+
+/// Chord from a direction on the circle of latitude of radius^2 `r2` to the nearer pole.
+double pole_chord(double r2, double abs_z) { return std::sqrt(2 * r2 / (1 + abs_z)); }
+
+/// 2 - 2 cos(x) for |x| < 0.5, to the last bits.
+double squared_chord_of_angle(double x) {
+  const double x2 = x * x;
+  return x2 * (1 - x2 / 12 * (1 - x2 / 30 * (1 - x2 / 56 * (1 - x2 / 90 * (1 - x2 / 132)))));
+}
+
+}  // namespace
+
+void LatticeSpec::validate() const {
+  if (kind != LatticeKind::kFibonacci) {
+    throw Error(ErrorCode::kUnsupported, "lattice kind " + std::to_string(static_cast<int>(kind)) +
+                                             " is unknown; this build knows 1 (Fibonacci)");
+  }
+  if (size < kMinSize || size > kMaxSize) {
+    throw Error(ErrorCode::kUnsupported, "a lattice of " + std::to_string(size) +
+                                             " points is not supported; give 1,000 to 1,000,000");
+  }
+}
+
+std::string to_string(const LatticeSpec& spec) {
+  const std::string kind = spec.kind == LatticeKind::kFibonacci
+                               ? "fibonacci"
+                               : "kind" + std::to_string(static_cast<int>(spec.kind));
+  return kind + "-" + std::to_string(spec.size);
+}
+
+Lattice::Lattice(const LatticeSpec& spec) : spec_(spec) {
+  spec_.validate();
+  const double n = size();
+  const double spacing2 = 4 * std::numbers::pi / n;
+  cap_r2_ = kCapSpacings * kCapSpacings * spacing2;
+
+  // A pair of Fibonacci steps serves from where its shorter step runs at 45 degrees to the circle
+  // of latitude (r dazimuth = dz / r) to where the longer one does.
+  for (std::int64_t a = 1, b = 2, next; a < size(); next = a + b, a = b, b = next) {
+    const double turn_a =
+        static_cast<double>(static_cast<std::int64_t>(azimuth_units(a))) * 0x1p-64;
+    const double turn_b =
+        static_cast<double>(static_cast<std::int64_t>(azimuth_units(b))) * 0x1p-64;
+    const double determinant = a * turn_b - b * turn_a;  // +1 or -1
+    const double min_r2 = a / (std::numbers::pi * n * std::abs(turn_a));
+    if (min_r2 >= 1.0) break;
+    zones_.push_back({min_r2, a, b, turn_b / determinant, -b / determinant, -turn_a / determinant,
+                      a / determinant});
+  }
+  std::reverse(zones_.begin(), zones_.end());
+
+  const double outer = pole_chord(cap_r2_, std::sqrt(1 - cap_r2_)) + std::sqrt(spacing2);
+  const auto cap_size =
+      std::min<std::uint32_t>(size(), static_cast<std::uint32_t>(n * outer * outer / 4) + 2);
+  for (std::uint32_t i = 0; i < cap_size; ++i) {
+    north_.push_back(direction(i));
+    south_.push_back(direction(size() - 1 - i));
+  }
+}
+
+Eigen::Vector3d Lattice::direction(std::uint32_t index) const {
+  assert(index < size());
+  const double n = size();
+  const auto above = 2 * std::uint64_t{index} + 1;
+  const auto below = 2 * std::uint64_t{size()} - above;
+  const double r = std::sqrt(static_cast<double>(above * below)) / n;
+  const double z = (n - static_cast<double>(above)) / n;
+  const auto [cos, sin] = cos_sin(azimuth_units(index));
+  return {r * cos, r * sin, z};
+}
+
+std::uint32_t Lattice::nearest(const Eigen::Vector3d& direction) const {
+  const double rho2 = direction.x() * direction.x() + direction.y() * direction.y();
+  const double norm2 = rho2 + direction.z() * direction.z();
+  assert(norm2 > 0 && std::isfinite(norm2));
+  const double r2 = rho2 / norm2;
+  const double unit_z = direction.z() / std::sqrt(norm2);
+  return r2 < cap_r2_ ? nearest_in_cap(direction, unit_z, r2)
+                      : nearest_in_zone(direction, unit_z, r2);
+}
+
+void Lattice::nearest(const PointCloud& cloud, std::span<std::uint32_t> indices) const {
+  assert(indices.size() == cloud.size());
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    indices[i] = nearest(Eigen::Vector3d(cloud.x[i], cloud.y[i], cloud.z[i]));
+  }
+}
+
+double Lattice::patch_radius_rad() const { return 2.0 / std::sqrt(static_cast<double>(size())); }
+
+const Lattice::Zone& Lattice::zone_at(double r2) const {
+  std::size_t k = 0;
+  while (r2 < zones_[k].min_r2 && k + 1 < zones_.size()) ++k;
+  return zones_[k];
+}
+
+std::uint32_t Lattice::nearest_in_cap(const Eigen::Vector3d& direction, double unit_z,
+                                      double r2) const {
+  const bool is_north = unit_z >= 0;
+  const std::vector<Eigen::Vector3d>& cap = is_north ? north_ : south_;
+  const double n = size();
+  // Chords obey the triangle inequality: a lattice point within `reach` of the direction has a
+  // chord to the pole within `reach` of the direction's. Point j from the pole: n chord^2 = 4 j
+  // + 2.
+  const double reach = std::sqrt(4 * std::numbers::pi / n);
+  const double chord = pole_chord(r2, std::abs(unit_z));
+  const double inner = std::max(0.0, chord - reach), outer = chord + reach;
+  const auto begin = static_cast<std::size_t>(n * inner * inner / 4);
+  const auto end =
+      std::min(cap.size(), static_cast<std::size_t>(std::ceil(n * outer * outer / 4)) + 1);
+  std::size_t best = begin;
+  double best_dot = -HUGE_VAL;
+  for (std::size_t j = begin; j < end; ++j) {
+    const double d = dot(cap[j], direction);
+    // From the south pole outwards the index falls, so the later of two equals wins.
+    if (is_north ? d > best_dot : d >= best_dot) {
+      best_dot = d;
+      best = j;
+    }
+  }
+  return is_north ? static_cast<std::uint32_t>(best)
+                  : size() - 1 - static_cast<std::uint32_t>(best);
+}
+
+std::uint32_t Lattice::nearest_in_zone(const Eigen::Vector3d& direction, double unit_z,
+                                       double r2) const {
+  const Zone& zone = zone_at(r2);
+  const double n = size();
+  const double r = std::sqrt(r2);
+  const double t = (n * (1 - unit_z) - 1) / 2;  // index, as a real number
+  const double turns = std::atan2(direction.y(), direction.x()) / (2 * std::numbers::pi);
+  const auto units = static_cast<std::uint64_t>(static_cast<std::int64_t>(turns * 0x1p62)) << 2;
+  const auto a =
+      static_cast<std::int64_t>(std::floor(zone.index_to_a * t + zone.azimuth_to_a * turns));
+  const auto b =
+      static_cast<std::int64_t>(std::floor(zone.index_to_b * t + zone.azimuth_to_b * turns));
+  const std::int64_t base = zone.step_a * a + zone.step_b * b;
+  const std::array<std::int64_t, 4> corners = {base, base + zone.step_a, base + zone.step_b,
+                                               base + zone.step_a + zone.step_b};
+  std::array<double, 4> chord2;
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto i = static_cast<double>(corners[k]);
+    const double dz = (i - t) * 2 / n;
+    const double corner_r = std::sqrt((2 * i + 1) * (2 * n - 2 * i - 1)) / n;
+    const double turn = static_cast<double>(
+        static_cast<std::int64_t>(azimuth_units(static_cast<std::uint64_t>(corners[k])) - units));
+    chord2[k] = dz * dz + (r - corner_r) * (r - corner_r) +
+                r * corner_r * squared_chord_of_angle(turn * kRadiansPerUnit);
+  }
+  const double least = *std::min_element(chord2.begin(), chord2.end());
+  std::int64_t best = -1;
+  int near = 0;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (chord2[k] <= least + kNearTie) {
+      best = corners[k];
+      ++near;
+    }
+  }
+  if (near == 1) return static_cast<std::uint32_t>(best);
+  double best_dot = -HUGE_VAL;
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (chord2[k] > least + kNearTie) continue;
+    const double d = dot(this->direction(static_cast<std::uint32_t>(corners[k])), direction);
+    if (d > best_dot || (d == best_dot && corners[k] < best)) {
+      best_dot = d;
+      best = corners[k];
+    }
+  }
+  return static_cast<std::uint32_t>(best);
+}
+
+struct LatticeCache::Impl {
+  std::mutex mutex;
+  std::map<std::pair<LatticeKind, std::uint32_t>, std::shared_ptr<const Lattice>> lattices;
+};
+
+LatticeCache::LatticeCache() : impl_(std::make_unique<Impl>()) {}
+LatticeCache::~LatticeCache() = default;
+
+std::shared_ptr<const Lattice> LatticeCache::get(const LatticeSpec& spec) {
+  spec.validate();
+  const std::scoped_lock lock(impl_->mutex);
+  std::shared_ptr<const Lattice>& lattice = impl_->lattices[{spec.kind, spec.size}];
+  if (!lattice) lattice = std::make_shared<const Lattice>(spec);
+  return lattice;
+}
+
+}  // namespace cellmap

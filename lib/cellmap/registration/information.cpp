@@ -1,0 +1,116 @@
+#include "cellmap/registration/information.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "cellmap/registration/scores.hpp"
+
+namespace cellmap {
+namespace {
+
+/// No plane and no point is trusted to be better than this, whatever the distances say.
+constexpr double kLeastDeviationM = 1e-3;
+
+struct PlaneMoments {
+  double count = 0, sum = 0, sum_of_squares = 0;
+};
+
+std::vector<PlaneMoments> inlier_moments(const HitDistances& hits, std::size_t planes) {
+  std::vector<PlaneMoments> moments(planes);
+  for (std::size_t i = 0; i < hits.plane.size(); ++i) {
+    const double distance = hits.distance_m[i];
+    if (std::abs(distance) > kInlierDistanceM) continue;
+    PlaneMoments& plane = moments[static_cast<std::size_t>(hits.plane[i])];
+    plane.count += 1;
+    plane.sum += distance;
+    plane.sum_of_squares += distance * distance;
+  }
+  return moments;
+}
+
+struct VarianceComponents {
+  double of_plane, of_point;  // b and w, m^2
+};
+
+/// One-way random-effects analysis of variance with mean zero: E[within] = (n - P) w and
+/// E[between] = P w + n b for n points on P planes.
+VarianceComponents variance_components(std::span<const std::vector<PlaneMoments>> terms) {
+  double n = 0, planes = 0, within = 0, between = 0;
+  for (const std::vector<PlaneMoments>& moments : terms) {
+    for (const PlaneMoments& plane : moments) {
+      if (plane.count == 0) continue;
+      const double of_mean = plane.sum * plane.sum / plane.count;
+      n += plane.count;
+      planes += 1;
+      within += plane.sum_of_squares - of_mean;
+      between += of_mean;
+    }
+  }
+  const double floor = kLeastDeviationM * kLeastDeviationM;
+  const double w = n > planes ? std::max(within / (n - planes), floor) : floor;
+  const double b = n > 0 ? std::max((between - planes * w) / n, floor) : floor;
+  return {b, w};
+}
+
+}  // namespace
+
+Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const HitDistances> hits,
+                        const Pose& T, const PointSelection& selection) {
+  std::vector<std::vector<PlaneMoments>> moments;
+  for (std::size_t i = 0; i < terms.size(); ++i) {
+    moments.push_back(inlier_moments(hits[i], terms[i].target->cell().planes.size()));
+  }
+  const VarianceComponents variance = variance_components(moments);
+  Matrix6d information = Matrix6d::Zero();
+  for (std::size_t i = 0; i < terms.size(); ++i) {
+    std::vector<double> weight;
+    weight.reserve(moments[i].size());
+    for (const PlaneMoments& plane : moments[i]) {
+      weight.push_back(1.0 / (plane.count * variance.of_plane + variance.of_point));
+    }
+    information += plane_weighted_system(terms[i], T, kInlierDistanceM, weight, selection).H;
+  }
+  return information;
+}
+
+double median_range_m(std::span<const RegistrationTerm> terms, const PointSelection& selection) {
+  std::vector<float> ranges;
+  for (const RegistrationTerm& term : terms) {
+    for (std::size_t i = 0; i < term.scan->size(); i += selection.step) {
+      ranges.push_back((*term.scan)[i].norm());
+    }
+  }
+  if (ranges.empty()) return 0;
+  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
+  std::nth_element(ranges.begin(), middle, ranges.end());
+  return *middle;
+}
+
+Degeneracy degeneracy_of(const Matrix6d& information, const Pose& T, double median_range_m,
+                         double degeneracy_share) {
+  Degeneracy degeneracy;
+  degeneracy.degenerate = true;
+  if (!(median_range_m > 0) || !(information.trace() > 0)) return degeneracy;
+  // xi about the target's origin from xi about the scan's: rho = rho' + t x phi. A rotation in
+  // units of 1 / median range moves a typical point by about one unit, as a translation does.
+  Matrix6d A = Matrix6d::Identity();
+  A.topRightCorner<3, 3>() = skew(T.translation());
+  A.rightCols<3>() /= median_range_m;
+  const Matrix6d at_scan = A.transpose() * information * A;
+
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> all(at_scan);
+  Tangent weakest = all.eigenvectors().col(0);
+  const bool is_translation = weakest.head<3>().squaredNorm() >= 0.5;
+  const Eigen::Matrix3d kind =
+      is_translation ? at_scan.topLeftCorner<3, 3>() : at_scan.bottomRightCorner<3, 3>();
+  const double strongest = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(kind).eigenvalues()[2];
+  degeneracy.weakest_share =
+      strongest > 0 ? std::clamp(all.eigenvalues()[0] / strongest, 0.0, 1.0) : 0.0;
+  weakest.tail<3>() /= median_range_m;
+  degeneracy.weakest = weakest.normalized();
+  degeneracy.degenerate = degeneracy.weakest_share < degeneracy_share;
+  return degeneracy;
+}
+
+}  // namespace cellmap

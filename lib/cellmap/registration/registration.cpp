@@ -1,0 +1,143 @@
+#include "cellmap/registration/registration.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <optional>
+#include <string>
+
+#include "cellmap/core/error.hpp"
+#include "cellmap/registration/information.hpp"
+#include "cellmap/registration/residuals.hpp"
+#include "cellmap/registration/scores.hpp"
+
+namespace cellmap {
+namespace {
+
+/// A normal matrix scaled to unit diagonal with a smaller eigenvalue leaves a motion undetermined.
+constexpr double kSingular = 1e-9;
+
+void require(bool holds, const std::string& rule) {
+  if (!holds) throw Error(ErrorCode::kInvalidArgument, "registration options need " + rule);
+}
+
+/// The Gauss-Newton step of H xi = -g; nothing where H leaves a motion undetermined.
+std::optional<Tangent> solve(const NormalSystem& system) {
+  if (!(system.H.diagonal().minCoeff() > 0)) return std::nullopt;
+  const Tangent scale = system.H.diagonal().cwiseSqrt().cwiseInverse();
+  const Matrix6d scaled = scale.asDiagonal() * system.H * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
+  if (!(eigen.eigenvalues()[0] > kSingular)) return std::nullopt;
+  const Tangent rotated = eigen.eigenvectors().transpose() * (scale.asDiagonal() * system.g);
+  const Tangent step = eigen.eigenvectors() * rotated.cwiseQuotient(eigen.eigenvalues());
+  return Tangent(-(scale.asDiagonal() * step));
+}
+
+/// Runs the stages from `result.T_target_source`; sets pose, iterations and convergence.
+void iterate(std::span<const RegistrationTerm> terms, const RegistrationOptions& options,
+             const PointSelection& selection, RegistrationResult& result) {
+  const std::vector<RegistrationStage> stages =
+      options.stages.empty() ? default_registration_stages() : options.stages;
+  for (std::size_t s = 0; s < stages.size(); ++s) {
+    for (int i = 0; i < stages[s].max_iterations; ++i) {
+      const NormalSystem system =
+          normal_system(terms, result.T_target_source, stages[s], selection);
+      if (system.points < options.min_points_in_gate) return;
+      const std::optional<Tangent> step = solve(system);
+      if (!step) return;
+      const Pose moved = exp(*step) * result.T_target_source;
+      const double translation =
+          (moved.translation() - result.T_target_source.translation()).norm();
+      result.T_target_source = moved;
+      ++result.iterations;
+      if (s + 1 == stages.size() && translation < options.convergence_translation_m &&
+          step->tail<3>().norm() < options.convergence_rotation_rad) {
+        result.converged = true;
+        return;
+      }
+    }
+  }
+}
+
+RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const Pose& T_initial,
+                                  const RegistrationOptions& options) {
+  options.validate();
+  assert(is_rigid(T_initial));
+  const PointSelection selection{options.point_step, options.threads};
+  RegistrationResult result;
+  result.T_target_source = T_initial;
+  iterate(terms, options, selection, result);
+
+  std::vector<HitDistances> hits;
+  for (const RegistrationTerm& term : terms) {
+    hits.push_back(hit_distances(term, result.T_target_source, selection));
+  }
+  result.scores = scores_of(hits);
+  result.rmse_m = inlier_rmse_m(hits);
+  result.information = information_of(terms, hits, result.T_target_source, selection);
+  result.degeneracy = degeneracy_of(result.information, result.T_target_source,
+                                    median_range_m(terms, selection), options.degeneracy_share);
+  return result;
+}
+
+}  // namespace
+
+RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
+                                       std::shared_ptr<const Lattice> lattice)
+    : cell_(std::move(cell)), lattice_(std::move(lattice)) {
+  if (cell_->lattice != lattice_->spec()) {
+    throw Error(ErrorCode::kInvalidArgument, "a CELL of the lattice " + to_string(cell_->lattice) +
+                                                 " cannot be read with the lattice " +
+                                                 to_string(lattice_->spec()));
+  }
+  plane_of_.assign(lattice_->size(), -1);
+  offsets_.reserve(cell_->planes.size());
+  for (std::size_t k = 0; k < cell_->planes.size(); ++k) {
+    const Plane& plane = cell_->planes[k];
+    const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
+    plane_of_[cell_->indices[k]] = static_cast<std::int32_t>(k);
+    offsets_.push_back(
+        static_cast<float>(plane.distance_m * normal.dot(lattice_->direction(cell_->indices[k]))));
+  }
+}
+
+std::vector<RegistrationStage> default_registration_stages() {
+  return {{4, 2.0, RobustKernel::kNone, 0.05},
+          {3, 1.0, RobustKernel::kNone, 0.05},
+          {3, 0.5, RobustKernel::kNone, 0.05},
+          {20, 0.5, RobustKernel::kGemanMcClure, 0.05}};
+}
+
+void RegistrationOptions::validate() const {
+  for (const RegistrationStage& stage : stages) {
+    require(stage.max_iterations >= 1 && stage.max_iterations <= 1000,
+            "1 <= max_iterations <= 1000 in every stage");
+    require(stage.gate_m > 0 && std::isfinite(stage.gate_m), "gate_m > 0 in every stage");
+    require(stage.kernel_width_m > 0 && std::isfinite(stage.kernel_width_m),
+            "kernel_width_m > 0 in every stage");
+  }
+  require(convergence_translation_m > 0, "convergence_translation_m > 0");
+  require(convergence_rotation_rad > 0, "convergence_rotation_rad > 0");
+  require(point_step >= 1, "point_step >= 1");
+  require(min_points_in_gate >= 6, "min_points_in_gate >= 6");
+  require(degeneracy_share >= 0 && degeneracy_share <= 1, "0 <= degeneracy_share <= 1");
+  require(threads >= 0, "threads >= 0");
+}
+
+RegistrationResult register_scan(const RegistrationTarget& target, const PointCloud& scan,
+                                 const Pose& T_cell_scan_initial,
+                                 const RegistrationOptions& options) {
+  const std::array terms = {RegistrationTerm{&target, &scan, false}};
+  return register_terms(terms, T_cell_scan_initial, options);
+}
+
+RegistrationResult register_cells(const RegistrationTarget& a, const PointCloud& scan_a,
+                                  const RegistrationTarget& b, const PointCloud& scan_b,
+                                  const Pose& T_a_b_initial, const RegistrationOptions& options) {
+  const std::array terms = {RegistrationTerm{&a, &scan_b, false},
+                            RegistrationTerm{&b, &scan_a, true}};
+  return register_terms(terms, T_a_b_initial, options);
+}
+
+}  // namespace cellmap

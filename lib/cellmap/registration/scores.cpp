@@ -1,0 +1,90 @@
+#include "cellmap/registration/scores.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+double share(std::size_t part, std::size_t whole) {
+  return whole == 0 ? 0.0 : static_cast<double>(part) / static_cast<double>(whole);
+}
+
+void require_in(double value, double min, double max, const char* name) {
+  if (value >= min && value <= max) return;
+  throw Error(ErrorCode::kInvalidArgument, std::string(name) + " must be within " +
+                                               std::to_string(min) + " and " + std::to_string(max) +
+                                               "; given is " + std::to_string(value));
+}
+
+}  // namespace
+
+RegistrationScores scores_of(std::span<const HitDistances> terms) {
+  std::vector<float> absolute;
+  std::size_t points = 0, inliers = 0, in_front = 0, beyond = 0;
+  for (const HitDistances& term : terms) {
+    points += term.points;
+    for (const float distance : term.distance_m) {
+      absolute.push_back(std::abs(distance));
+      inliers += std::abs(distance) <= kInlierDistanceM;
+      in_front += distance > kContradictionDistanceM;
+      beyond += distance < -kContradictionDistanceM;
+    }
+  }
+  RegistrationScores scores;
+  scores.points = static_cast<std::uint32_t>(points);
+  scores.hits = static_cast<std::uint32_t>(absolute.size());
+  scores.inlier_ratio_all = share(inliers, points);
+  scores.inlier_ratio_hit = share(inliers, absolute.size());
+  scores.share_in_front = share(in_front, absolute.size());
+  scores.share_beyond = share(beyond, absolute.size());
+  if (!absolute.empty()) {
+    const auto middle = absolute.begin() + static_cast<std::ptrdiff_t>(absolute.size() / 2);
+    std::nth_element(absolute.begin(), middle, absolute.end());
+    scores.median_residual_m = *middle;
+  }
+  return scores;
+}
+
+double inlier_rmse_m(std::span<const HitDistances> terms) {
+  double sum = 0;
+  std::size_t inliers = 0;
+  for (const HitDistances& term : terms) {
+    for (const float distance : term.distance_m) {
+      if (std::abs(distance) > kInlierDistanceM) continue;
+      sum += static_cast<double>(distance) * distance;
+      ++inliers;
+    }
+  }
+  return inliers == 0 ? 0.0 : std::sqrt(sum / static_cast<double>(inliers));
+}
+
+RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud& scan,
+                              const Pose& T_cell_scan, std::size_t point_step) {
+  const RegistrationTerm term{&target, &scan, false};
+  const HitDistances hits =
+      hit_distances(term, T_cell_scan, {std::max<std::size_t>(point_step, 1), 1});
+  return scores_of({&hits, 1});
+}
+
+void AcceptanceOptions::validate() const {
+  require_in(min_inlier_ratio_hit, 0, 1, "min_inlier_ratio_hit");
+  require_in(max_share_in_front, 0, 1, "max_share_in_front");
+  require_in(max_median_residual_m, 0, 1000, "max_median_residual_m");
+  require_in(min_hit_share, 0, 1, "min_hit_share");
+  require_in(min_inlier_ratio_all, 0, 1, "min_inlier_ratio_all");
+}
+
+bool is_acceptable(const RegistrationResult& result, const AcceptanceOptions& options) {
+  const RegistrationScores& scores = result.scores;
+  return result.converged && scores.hits > 0 &&
+         scores.inlier_ratio_hit >= options.min_inlier_ratio_hit &&
+         scores.share_in_front <= options.max_share_in_front &&
+         scores.median_residual_m <= options.max_median_residual_m &&
+         share(scores.hits, scores.points) >= options.min_hit_share &&
+         scores.inlier_ratio_all >= options.min_inlier_ratio_all;
+}
+
+}  // namespace cellmap

@@ -1,0 +1,221 @@
+#include "cellmap/simulation/simulator.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cellmap/core/error.hpp"
+#include "cellmap/simulation/ground.hpp"
+#include "cellmap/simulation/odometry_model.hpp"
+#include "cellmap/simulation/random.hpp"
+#include "cellmap/simulation/ray_caster.hpp"
+#include "cellmap/simulation/route.hpp"
+#include "cellmap/simulation/town.hpp"
+#include "cellmap/simulation/town_tiles.hpp"
+#include "cellmap/simulation/traffic.hpp"
+
+namespace cellmap {
+namespace {
+
+using namespace simulation;
+
+/// Independent parts that one seed feeds.
+enum SeedPart : std::uint64_t { kGroundSeed = 1, kTownSeed, kCarSeed, kNoiseSeed, kDriftSeed };
+
+/// Ray directions in the sensor frame, beam by beam from the top, each beam counter-clockwise from
+/// straight ahead.
+std::vector<Eigen::Vector3f> ray_directions(const LidarModel& lidar) {
+  constexpr double rad = std::numbers::pi / 180.0;
+  std::vector<Eigen::Vector3f> directions;
+  for (int beam = 0; beam < lidar.beams; ++beam) {
+    const double share = lidar.beams > 1 ? static_cast<double>(beam) / (lidar.beams - 1) : 0.0;
+    const double elevation = rad * (lidar.top_elevation_deg +
+                                    share * (lidar.bottom_elevation_deg - lidar.top_elevation_deg));
+    for (int column = 0; column < lidar.columns; ++column) {
+      const double azimuth = 2 * std::numbers::pi * column / lidar.columns;
+      directions.push_back(Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth),
+                                           std::cos(elevation) * std::sin(azimuth),
+                                           std::sin(elevation))
+                               .cast<float>());
+    }
+  }
+  return directions;
+}
+
+/// The route moved to its lane and set down on the ground.
+Route on_the_ground(const Route& route, const Ground& ground, double left_m, double height_m) {
+  Route driven = route;
+  for (StampedPose& sample : driven) {
+    Eigen::Vector2d left = sample.pose.linear().col(1).head<2>();
+    sample.pose.translation().head<2>() += left_m * left.normalized();
+    const Eigen::Vector3d p = sample.pose.translation();
+    sample.pose.translation().z() = ground.height_or_zero_m(p.x(), p.y()) + height_m;
+  }
+  return driven;
+}
+
+/// A real estimate of the same route, moved along the vehicle's own axes as the truth was, so that
+/// the error of every relative motion stays what it is.
+Route estimate_from_file(const SimulatorOptions& options, const Route& route, const Route& truth) {
+  Route estimate = route_from_file(options.odometry, options.route_frame);
+  if (estimate.size() != route.size()) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "expected an estimate with one pose for each of the " +
+                    std::to_string(route.size()) + " poses of the route, found " +
+                    std::to_string(estimate.size()) + " in " + options.odometry);
+  }
+  for (std::size_t i = 0; i < estimate.size(); ++i) {
+    const Pose moved = route[i].pose.inverse() * truth[i].pose;
+    estimate[i].stamp = truth[i].stamp;
+    estimate[i].pose = estimate[i].pose * moved;
+  }
+  return estimate;
+}
+
+class SimulatedDrive final : public ScanSource {
+ public:
+  explicit SimulatedDrive(const SimulatorOptions& options)
+      : options_(options),
+        route_(options.route == "town" ? town_route(options.lidar.rate_hz)
+                                       : route_from_file(options.route, options.route_frame)),
+        line_(route_),
+        ground_(line_, sensor_height_m(), sub_seed(options.seed, kGroundSeed)),
+        traffic_(line_, ground_, sub_seed(traffic_seed(), kCarSeed)),
+        tiles_(caster_, ground_,
+               plan_town(line_, ground_, sub_seed(options.seed, kTownSeed), traffic_seed())),
+        directions_(ray_directions(options.lidar)),
+        ranges_(directions_.size()) {
+    Route truth = on_the_ground(route_, ground_, options.lateral_offset_m, sensor_height_m());
+    odometry_ = make_odometry(truth);
+    if (options.scans != 0 && options.scans < truth.size()) {
+      truth.resize(options.scans);
+      odometry_.resize(options.scans);
+    }
+    truth_ = Trajectory(std::move(truth));
+    for (int model = 0; model < kVehicleModels; ++model) {
+      TriangleMesh mesh;
+      add_vehicle(model, MeshBuilder(mesh, Pose::Identity()));
+      vehicles_.push_back(caster_.build(std::move(mesh)));
+    }
+  }
+
+  std::size_t size() const override { return truth_.size(); }
+  const Trajectory& ground_truth() const override { return truth_; }
+
+  void seek(std::size_t index) override {
+    if (index > size()) {
+      throw Error(ErrorCode::kInvalidArgument, "expected a scan index of at most " +
+                                                   std::to_string(size()) + ", found " +
+                                                   std::to_string(index));
+    }
+    next_ = index;
+  }
+
+  std::optional<PosedScan> next() override {
+    if (next_ == size()) return std::nullopt;
+    const std::size_t index = next_++;
+    PosedScan scan;
+    scan.index = index;
+    scan.stamp = truth_[index].stamp;
+    scan.T_odom_sensor = odometry_[index].pose;
+    scan.points = sweep(index);
+    return scan;
+  }
+
+ private:
+  double sensor_height_m() const { return options_.lidar.mount_height_m; }
+  std::uint64_t traffic_seed() const {
+    return options_.traffic_seed != 0 ? options_.traffic_seed : options_.seed;
+  }
+
+  Route make_odometry(const Route& truth) const {
+    if (options_.odometry == "truth") return truth;
+    if (options_.odometry == "drift") {
+      return drifted(truth, DriftModel{}, sub_seed(options_.seed, kDriftSeed));
+    }
+    return estimate_from_file(options_, route_, truth);
+  }
+
+  PointCloud sweep(std::size_t index) {
+    const Pose& T_world_sensor = truth_[index].pose;
+    const Eigen::Vector3d p = T_world_sensor.translation();
+    const double range_m = options_.lidar.max_range_m;
+    std::vector<RayCaster::Instance> scene = tiles_.around(p.x(), p.y(), range_m);
+    const double time_s = to_seconds(truth_[index].stamp - truth_[0].stamp);
+    for (const MovingCar& car :
+         traffic_.at(time_s, line_.arc_of_pose_m(index), T_world_sensor, range_m)) {
+      scene.push_back({vehicles_[static_cast<std::size_t>(car.model)], car.T_world_car});
+    }
+    caster_.cast(scene, T_world_sensor, directions_, range_m, options_.threads, ranges_);
+    return measured(index);
+  }
+
+  /// What the sensor reports of the true ranges: some lost, all noisy. Every ray draws from a seed
+  /// of its own, so a scan does not depend on those before it.
+  PointCloud measured(std::size_t index) const {
+    const std::uint64_t seed = sub_seed(sub_seed(options_.seed, kNoiseSeed), index);
+    PointCloud points;
+    points.reserve(ranges_.size());
+    for (std::size_t ray = 0; ray < ranges_.size(); ++ray) {
+      if (ranges_[ray] <= 0) continue;
+      Random random(sub_seed(seed, ray));
+      if (random.chance(options_.lidar.drop_out)) continue;
+      const double range = ranges_[ray] + options_.lidar.range_noise_m * random.normal();
+      if (range > 0) points.push_back(directions_[ray] * static_cast<float>(range));
+    }
+    return points;
+  }
+
+  SimulatorOptions options_;
+  Route route_;
+  Centreline line_;
+  Ground ground_;
+  Traffic traffic_;
+  RayCaster caster_;
+  TownTiles tiles_;
+  std::vector<std::shared_ptr<const RayMesh>> vehicles_;
+  std::vector<Eigen::Vector3f> directions_;
+  std::vector<double> ranges_;
+  Trajectory truth_;
+  Route odometry_;
+  std::size_t next_ = 0;
+};
+
+void require_file(const std::string& path, const std::string& expected) {
+  if (!std::filesystem::is_regular_file(path)) {
+    throw Error(ErrorCode::kNotFound, "expected " + expected + ", found no such file: " + path);
+  }
+}
+
+}  // namespace
+
+void SimulatorOptions::validate() const {
+  lidar.validate();
+  if (route != "town") require_file(route, "the route \"town\" or a trajectory file");
+  if (odometry != "truth" && odometry != "drift") {
+    require_file(odometry, "the odometry \"truth\", \"drift\" or a trajectory file");
+    if (route == "town") {
+      throw Error(ErrorCode::kInvalidArgument, "expected a route file that " + odometry +
+                                                   " was estimated on, found the generated town");
+    }
+  }
+  if (!(lateral_offset_m >= -2.0 && lateral_offset_m <= 4.0)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "expected a lateral offset of -2 (right) to 4 (left) m, found " +
+                    std::to_string(lateral_offset_m));
+  }
+  if (threads < 0) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "expected 0 (all) or more threads, found " + std::to_string(threads));
+  }
+}
+
+std::unique_ptr<ScanSource> simulate(const SimulatorOptions& options) {
+  options.validate();
+  return std::make_unique<SimulatedDrive>(options);
+}
+
+}  // namespace cellmap

@@ -1,0 +1,260 @@
+#include "cellmap/store/sqlite_cells.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "cellmap/store/page_cursor.hpp"
+#include "cellmap/store/row_codec.hpp"
+#include "cellmap/store/sqlite_schema.hpp"
+
+namespace cellmap {
+namespace {
+
+std::string select_cell(const char* condition) {
+  return std::string(
+             "SELECT id, hash, session, sequence, planes, encoded_bytes, added, moved, x, y, z, "
+             "rotation FROM cell ") +
+         condition;
+}
+
+ContentHash hash_from(std::span<const std::byte> bytes) {
+  ContentHash hash;
+  if (bytes.size() != hash.bytes.size()) {
+    throw Error(ErrorCode::kCorruptData,
+                "store: a content hash is damaged; restore the file from a backup");
+  }
+  std::transform(bytes.begin(), bytes.end(), hash.bytes.begin(),
+                 [](std::byte b) { return std::to_integer<std::uint8_t>(b); });
+  return hash;
+}
+
+CellRecord cell_from_row(const Query& row) {
+  CellRecord cell;
+  cell.id.value = row.unsigned32(0);
+  cell.hash = hash_from(row.bytes(1));
+  cell.session = row.text(2);
+  cell.sequence = row.unsigned32(3);
+  cell.planes = row.unsigned32(4);
+  cell.encoded_bytes = row.unsigned64(5);
+  cell.added = row.unsigned64(6);
+  cell.moved = row.unsigned64(7);
+  cell.T_map_cell = pose_from_row(row, 8);
+  return cell;
+}
+
+/// Columns of the grid that hold a CELL, so that a huge box costs no more than the map's own
+/// extent.
+struct GridExtent {
+  std::int64_t min_x, max_x;
+};
+
+std::optional<GridExtent> grid_extent(SqliteConnection& connection, std::int64_t map) {
+  // Two statements, since SQLite only answers a lone MIN or MAX from the end of the index.
+  Query least(connection, "SELECT MIN(gx) FROM cell WHERE map = ?", map);
+  if (!least.next() || least.is_null(0)) return std::nullopt;
+  Query most(connection, "SELECT MAX(gx) FROM cell WHERE map = ?", map);
+  most.next();
+  return GridExtent{least.integer(0), most.integer(0)};
+}
+
+/// Where a CELL is, without the rest of its row: all from the index.
+struct PlacedCell {
+  CellId id;
+  Eigen::Vector3d position;
+};
+
+std::vector<PlacedCell> cells_in_box(SqliteConnection& connection, std::int64_t map,
+                                     const Eigen::AlignedBox3d& box) {
+  std::vector<PlacedCell> cells;
+  const auto extent = grid_extent(connection, map);
+  if (!extent) return cells;
+  // One index range for every grid column; a plain range over gx would read whole columns.
+  Query rows(connection,
+             "WITH RECURSIVE grid_column(gx) AS (SELECT ? AS gx UNION ALL "
+             "SELECT gx + 1 FROM grid_column WHERE gx < ?) "
+             "SELECT cell.id, cell.x, cell.y, cell.z FROM grid_column CROSS JOIN cell "
+             "WHERE cell.map = ? AND cell.gx = grid_column.gx AND cell.gy BETWEEN ? AND ?",
+             std::max(extent->min_x, grid_key(box.min().x())),
+             std::min(extent->max_x, grid_key(box.max().x())), map, grid_key(box.min().y()),
+             grid_key(box.max().y()));
+  while (rows.next()) {
+    const PlacedCell cell{{rows.unsigned32(0)}, {rows.real(1), rows.real(2), rows.real(3)}};
+    if (box.contains(cell.position)) cells.push_back(cell);
+  }
+  return cells;
+}
+
+Eigen::AlignedBox3d box_around(const Eigen::Vector3d& position, double radius_m) {
+  // A hair wider, so that rounding cannot lose a CELL at the very edge; the distance decides.
+  const Eigen::Vector3d half = Eigen::Vector3d::Constant(radius_m * (1 + 1e-12) + 1e-6);
+  return {position - half, position + half};
+}
+
+/// Sort keys of the CELLs within a radius, nearest first, lower id first on a tie.
+std::vector<PageCursor> keys_within(SqliteConnection& connection, std::int64_t map,
+                                    const Eigen::Vector3d& position, double radius_m,
+                                    const std::optional<Eigen::AlignedBox3d>& box) {
+  std::vector<PageCursor> keys;
+  Eigen::AlignedBox3d searched = box_around(position, radius_m);
+  if (box) searched = searched.intersection(*box);
+  if (searched.isEmpty()) return keys;
+  for (const PlacedCell& cell : cells_in_box(connection, map, searched)) {
+    const double squared = (cell.position - position).squaredNorm();
+    if (squared <= radius_m * radius_m) keys.push_back({squared, cell.id});
+  }
+  std::sort(keys.begin(), keys.end());
+  return keys;
+}
+
+std::vector<PageCursor> keys_of(SqliteConnection& connection, std::int64_t map,
+                                const CellQuery& query) {
+  if (query.near) return keys_within(connection, map, *query.near, query.radius_m, query.box);
+  std::vector<PageCursor> keys;
+  for (const PlacedCell& cell : cells_in_box(connection, map, *query.box)) {
+    keys.push_back({0, cell.id});
+  }
+  std::sort(keys.begin(), keys.end());
+  return keys;
+}
+
+CellRecord existing_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
+  std::optional<CellRecord> cell = find_cell(connection, map, id);
+  if (!cell) {
+    throw Error(ErrorCode::kCorruptData,
+                "store: an index names a CELL that is not there; restore the file from a backup");
+  }
+  return *std::move(cell);
+}
+
+/// Up to limit + 1 CELLs behind the cursor: one more than the page tells that another follows.
+std::vector<CellRecord> cells_by_place(SqliteConnection& connection, std::int64_t map,
+                                       const CellQuery& query,
+                                       const std::optional<PageCursor>& after) {
+  const std::vector<PageCursor> keys = keys_of(connection, map, query);
+  auto key = after ? std::upper_bound(keys.begin(), keys.end(), *after) : keys.begin();
+  std::vector<CellRecord> cells;
+  for (; key != keys.end() && cells.size() <= query.limit; ++key) {
+    CellRecord cell = existing_cell(connection, map, key->id);
+    if (cell.moved <= query.since) continue;
+    if (query.session && cell.session != *query.session) continue;
+    cells.push_back(std::move(cell));
+  }
+  return cells;
+}
+
+std::vector<CellRecord> cells_by_id(SqliteConnection& connection, std::int64_t map,
+                                    const CellQuery& query,
+                                    const std::optional<PageCursor>& after) {
+  const std::int64_t last = after ? static_cast<std::int64_t>(after->id.value) : -1;
+  Query rows(connection,
+             select_cell("WHERE map = ? AND id > ? AND moved > ? "
+                         "AND session = COALESCE(?, session) ORDER BY id LIMIT ?"),
+             map, last, query.since, query.session, query.limit + 1);
+  std::vector<CellRecord> cells;
+  while (rows.next()) cells.push_back(cell_from_row(rows));
+  return cells;
+}
+
+PageCursor cursor_at(const CellRecord& cell, const CellQuery& query) {
+  if (!query.near) return {0, cell.id};
+  return {(cell.T_map_cell.translation() - *query.near).squaredNorm(), cell.id};
+}
+
+}  // namespace
+
+Pose pose_from_row(const Query& row, int first) {
+  const Eigen::Vector3d position(row.real(first), row.real(first + 1), row.real(first + 2));
+  return pose_from_columns(position, row.bytes(first + 3));
+}
+
+std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
+  Query row(connection, select_cell("WHERE map = ? AND id = ?"), map, id.value);
+  if (!row.next()) return std::nullopt;
+  return cell_from_row(row);
+}
+
+std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map,
+                                    const std::string& session, std::uint32_t sequence) {
+  Query row(connection, select_cell("WHERE map = ? AND session = ? AND sequence = ?"), map, session,
+            sequence);
+  if (!row.next()) return std::nullopt;
+  return cell_from_row(row);
+}
+
+std::optional<CellRecord> find_last_cell(SqliteConnection& connection, std::int64_t map,
+                                         const std::string& session) {
+  Query row(connection, select_cell("WHERE map = ? AND session = ? ORDER BY sequence DESC LIMIT 1"),
+            map, session);
+  if (!row.next()) return std::nullopt;
+  return cell_from_row(row);
+}
+
+std::vector<CellRecord> cells_changed_since(SqliteConnection& connection, std::int64_t map,
+                                            Revision since) {
+  Query rows(connection, select_cell("WHERE map = ? AND moved > ? ORDER BY id"), map, since);
+  std::vector<CellRecord> cells;
+  while (rows.next()) cells.push_back(cell_from_row(rows));
+  return cells;
+}
+
+CellPage read_cells(SqliteConnection& connection, const MapRow& map, const CellQuery& query) {
+  const std::optional<PageCursor> after = page_cursor(map.info.name, query);
+  CellPage page;
+  page.revision = map.info.revision;
+  if (query.since >= map.info.revision) return page;
+  page.cells = query.near || query.box ? cells_by_place(connection, map.key, query, after)
+                                       : cells_by_id(connection, map.key, query, after);
+  if (page.cells.size() > query.limit) {
+    page.cells.resize(query.limit);
+    page.next_cursor = to_text(cursor_at(page.cells.back(), query), map.info.name, query);
+  }
+  return page;
+}
+
+std::vector<CellRecord> read_nearest(SqliteConnection& connection, const MapRow& map,
+                                     const Eigen::Vector3d& position, std::size_t count) {
+  count = std::min<std::size_t>(count, map.info.cells);
+  std::vector<PageCursor> keys;
+  // Circles of twice the size each time; all CELLs are within the last one that can be needed.
+  for (double radius_m = kGridSizeM; keys.size() < count; radius_m *= 2) {
+    keys = keys_within(connection, map.key, position, radius_m, std::nullopt);
+    if (radius_m > 1e8) break;
+  }
+  keys.resize(std::min(keys.size(), count));
+  std::vector<CellRecord> cells;
+  for (const PageCursor& key : keys) cells.push_back(existing_cell(connection, map.key, key.id));
+  return cells;
+}
+
+std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const ContentHash& hash) {
+  const auto raw = std::as_bytes(std::span(hash.bytes));
+  Query row(connection, "SELECT frame, checksum FROM blob WHERE hash = ?",
+            Bytes(raw.begin(), raw.end()));
+  if (!row.next()) {
+    throw Error(ErrorCode::kCorruptData, "store: the bytes of CELL content " + to_hex(hash) +
+                                             " are missing; restore the file from a backup");
+  }
+  const std::span<const std::byte> frame = row.bytes(0);
+  if (sha256(frame) != hash_from(row.bytes(1))) {
+    throw Error(ErrorCode::kCorruptData, "store: the bytes of CELL content " + to_hex(hash) +
+                                             " are damaged; restore the file from a backup");
+  }
+  return std::make_shared<const Bytes>(frame.begin(), frame.end());
+}
+
+std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
+                                  const std::string& session) {
+  Query rows(connection,
+             "SELECT cell.id, cell_scans.T_odom_cell, cell_scans.scans FROM cell "
+             "JOIN cell_scans ON cell_scans.map = cell.map AND cell_scans.cell = cell.id "
+             "WHERE cell.map = ? AND cell.session = ? ORDER BY cell.sequence",
+             map, session);
+  std::vector<CellScans> stretches;
+  while (rows.next()) {
+    stretches.push_back({CellId{rows.unsigned32(0)}, pose_from_bytes(rows.bytes(1)),
+                         scans_from_bytes(rows.bytes(2))});
+  }
+  return stretches;
+}
+
+}  // namespace cellmap

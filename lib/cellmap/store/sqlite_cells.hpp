@@ -1,0 +1,34 @@
+#pragma once
+
+#include "cellmap/store/blob_cache.hpp"
+#include "cellmap/store/sqlite_connection.hpp"
+#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/store.hpp"
+
+namespace cellmap {
+
+// What the SQLite engine reads of CELLs. Each function expects to run inside one transaction, so
+// that all its statements see one revision. `map` is the key of a MapRow.
+
+/// Columns x, y, z, rotation from `first` on.
+Pose pose_from_row(const Query& row, int first);
+
+std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id);
+std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map,
+                                    const std::string& session, std::uint32_t sequence);
+/// CELLs that were added or moved after a revision, in order of id.
+std::vector<CellRecord> cells_changed_since(SqliteConnection& connection, std::int64_t map,
+                                            Revision since);
+std::optional<CellRecord> find_last_cell(SqliteConnection& connection, std::int64_t map,
+                                         const std::string& session);
+
+CellPage read_cells(SqliteConnection& connection, const MapRow& map, const CellQuery& query);
+std::vector<CellRecord> read_nearest(SqliteConnection& connection, const MapRow& map,
+                                     const Eigen::Vector3d& position, std::size_t count);
+
+/// The zstd frame of a blob. Error{kCorruptData} where it is missing or its checksum is wrong.
+std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const ContentHash& hash);
+std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
+                                  const std::string& session);
+
+}  // namespace cellmap

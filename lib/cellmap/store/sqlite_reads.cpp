@@ -1,0 +1,207 @@
+#include "cellmap/store/sqlite_reads.hpp"
+
+#include "cellmap/store/row_codec.hpp"
+#include "cellmap/store/sqlite_cells.hpp"
+
+namespace cellmap {
+namespace {
+
+std::string select_map(const char* condition) {
+  return std::string(
+             "SELECT id, name, lattice_kind, lattice_size, created, revision, next_constraint, "
+             "cells, planes, constraints, encoded_bytes, stored_bytes, scans, raw_points, "
+             "voxel_points FROM map ") +
+         condition;
+}
+
+std::string select_constraint(const char* condition) {
+  return std::string(
+             "SELECT id, from_cell, to_cell, kind, origin, T_from_to, information, scores "
+             "FROM pose_constraint ") +
+         condition;
+}
+
+std::string select_job(const char* condition) {
+  return std::string(
+             "SELECT id, map, kind, request, state, scans_done, scans_total, cells_done, "
+             "error_code, error_message, created, started, updated FROM job ") +
+         condition;
+}
+
+MapRow map_from_row(const Query& row) {
+  MapRow map;
+  map.key = row.integer(0);
+  map.info.name = row.text(1);
+  map.info.lattice.kind = static_cast<LatticeKind>(row.unsigned32(2));
+  map.info.lattice.size = row.unsigned32(3);
+  map.info.created = row.integer(4);
+  map.info.revision = row.unsigned64(5);
+  map.next_constraint = row.unsigned32(6);
+  map.info.cells = row.unsigned64(7);
+  map.info.planes = row.unsigned64(8);
+  map.info.constraints = row.unsigned64(9);
+  map.info.encoded_bytes = row.unsigned64(10);
+  map.info.stored_bytes = row.unsigned64(11);
+  map.info.scans = row.unsigned64(12);
+  map.info.raw_points = row.unsigned64(13);
+  map.info.voxel_points = row.unsigned64(14);
+  return map;
+}
+
+void add_bounds_and_sessions(SqliteConnection& connection, MapRow& map) {
+  Query bounds(connection,
+               "SELECT MIN(x), MIN(y), MIN(z), MAX(x), MAX(y), MAX(z) FROM cell WHERE map = ?",
+               map.key);
+  if (bounds.next() && !bounds.is_null(0)) {
+    map.info.bounds.min() = Eigen::Vector3d(bounds.real(0), bounds.real(1), bounds.real(2));
+    map.info.bounds.max() = Eigen::Vector3d(bounds.real(3), bounds.real(4), bounds.real(5));
+  }
+  Query sessions(connection, "SELECT name FROM session WHERE map = ? ORDER BY name", map.key);
+  while (sessions.next()) map.info.sessions.push_back(sessions.text(0));
+}
+
+Constraint constraint_from_row(const Query& row) {
+  Constraint constraint;
+  constraint.id.value = row.unsigned32(0);
+  constraint.from.value = row.unsigned32(1);
+  constraint.to.value = row.unsigned32(2);
+  constraint.kind = static_cast<ConstraintKind>(row.unsigned32(3));
+  constraint.origin = static_cast<ConstraintOrigin>(row.unsigned32(4));
+  constraint.T_from_to = pose_from_bytes(row.bytes(5));
+  constraint.information = information_from_bytes(row.bytes(6));
+  constraint.scores = scores_from_bytes(row.bytes(7));
+  return constraint;
+}
+
+JobRecord job_from_row(const Query& row) {
+  JobRecord job;
+  job.id.value = row.unsigned32(0);
+  job.map = row.text(1);
+  job.kind = row.text(2);
+  job.request_json = row.text(3);
+  job.state = job_state_from_string(row.text(4));
+  job.scans_done = row.unsigned64(5);
+  job.scans_total = row.unsigned64(6);
+  job.cells_done = row.unsigned64(7);
+  job.error_code = row.text(8);
+  job.error_message = row.text(9);
+  job.created = row.integer(10);
+  job.started = row.integer(11);
+  job.updated = row.integer(12);
+  return job;
+}
+
+void require_revision(const MapRow& map, Revision revision) {
+  if (revision > map.info.revision) {
+    throw Error(ErrorCode::kNotFound, "map " + map.info.name + " has no revision " +
+                                          std::to_string(revision) + "; its newest is " +
+                                          std::to_string(map.info.revision));
+  }
+}
+
+void read_current_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& graph) {
+  Query poses(connection, "SELECT id, x, y, z, rotation FROM cell WHERE map = ? ORDER BY id", map);
+  while (poses.next()) graph.nodes.emplace(CellId{poses.unsigned32(0)}, pose_from_row(poses, 1));
+  Query constraints(connection, select_constraint("WHERE map = ? AND removed IS NULL ORDER BY id"),
+                    map);
+  while (constraints.next()) graph.constraints.push_back(constraint_from_row(constraints));
+}
+
+void read_old_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& graph) {
+  Query poses(connection,
+              "SELECT pose.cell, pose.x, pose.y, pose.z, pose.rotation FROM "
+              "(SELECT cell, MAX(revision) AS revision FROM cell_pose "
+              " WHERE map = ? AND revision <= ? GROUP BY cell) AS latest "
+              "JOIN cell_pose AS pose ON pose.map = ? AND pose.cell = latest.cell "
+              "AND pose.revision = latest.revision ORDER BY pose.cell",
+              map, graph.revision, map);
+  while (poses.next()) graph.nodes.emplace(CellId{poses.unsigned32(0)}, pose_from_row(poses, 1));
+  Query constraints(connection,
+                    select_constraint("WHERE map = ? AND added <= ? AND "
+                                      "(removed IS NULL OR removed > ?) ORDER BY id"),
+                    map, graph.revision, graph.revision);
+  while (constraints.next()) graph.constraints.push_back(constraint_from_row(constraints));
+}
+
+}  // namespace
+
+MapRow read_map_row(SqliteConnection& connection, const std::string& name) {
+  Query row(connection, select_map("WHERE name = ?"), name);
+  if (!row.next()) throw Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
+  return map_from_row(row);
+}
+
+MapInfo read_map(SqliteConnection& connection, const std::string& name) {
+  MapRow map = read_map_row(connection, name);
+  add_bounds_and_sessions(connection, map);
+  return map.info;
+}
+
+std::vector<MapInfo> read_maps(SqliteConnection& connection) {
+  std::vector<MapInfo> maps;
+  Query rows(connection, select_map("ORDER BY name"));
+  while (rows.next()) {
+    MapRow map = map_from_row(rows);
+    add_bounds_and_sessions(connection, map);
+    maps.push_back(std::move(map.info));
+  }
+  return maps;
+}
+
+PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
+                          std::optional<Revision> revision) {
+  const MapRow row = read_map_row(connection, map);
+  PoseGraph graph;
+  graph.revision = revision.value_or(row.info.revision);
+  require_revision(row, graph.revision);
+  if (graph.revision == row.info.revision) {
+    read_current_graph(connection, row.key, graph);
+  } else {
+    read_old_graph(connection, row.key, graph);
+  }
+  return graph;
+}
+
+MapChanges read_changes(SqliteConnection& connection, const std::string& map, Revision since) {
+  const MapRow row = read_map_row(connection, map);
+  require_revision(row, since);
+  MapChanges changes;
+  changes.since = since;
+  changes.revision = row.info.revision;
+  for (CellRecord& cell : cells_changed_since(connection, row.key, since)) {
+    if (cell.added > since) {
+      changes.added.push_back(std::move(cell));
+    } else {
+      changes.moved.emplace(cell.id, cell.T_map_cell);
+    }
+  }
+  Query added(connection,
+              select_constraint("WHERE map = ? AND added > ? AND removed IS NULL ORDER BY id"),
+              row.key, since);
+  while (added.next()) changes.added_constraints.push_back(constraint_from_row(added));
+  Query removed(connection,
+                "SELECT id FROM pose_constraint WHERE map = ? AND removed > ? AND added <= ? "
+                "ORDER BY id",
+                row.key, since, since);
+  while (removed.next()) changes.removed_constraints.push_back({removed.unsigned32(0)});
+  return changes;
+}
+
+JobRecord read_job(SqliteConnection& connection, JobId id) {
+  Query row(connection, select_job("WHERE id = ?"), id.value);
+  if (!row.next()) {
+    throw Error(ErrorCode::kNotFound, "there is no job " + std::to_string(id.value));
+  }
+  return job_from_row(row);
+}
+
+std::vector<JobRecord> read_jobs(SqliteConnection& connection,
+                                 const std::optional<std::string>& map) {
+  std::vector<JobRecord> jobs;
+  Query rows = map ? Query(connection, select_job("WHERE map = ? ORDER BY id"), *map)
+                   : Query(connection, select_job("ORDER BY id"));
+  while (rows.next()) jobs.push_back(job_from_row(rows));
+  return jobs;
+}
+
+}  // namespace cellmap

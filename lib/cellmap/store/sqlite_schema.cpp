@@ -1,0 +1,189 @@
+#include "cellmap/store/sqlite_schema.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+// Version 1. Column types are those of SQLite and of PostgreSQL alike except that BLOB is its BYTEA
+// and WITHOUT ROWID clusters a table by its primary key. Positions are columns, since queries look
+// into them; rotations, matrices and scores are bytes (store/row_codec.hpp).
+constexpr const char* kVersion1 = R"sql(
+CREATE TABLE map (
+  id             INTEGER PRIMARY KEY AUTOINCREMENT,
+  name           TEXT    NOT NULL UNIQUE,
+  lattice_kind   INTEGER NOT NULL,
+  lattice_size   INTEGER NOT NULL,
+  created        INTEGER NOT NULL,            -- Unix time, ns
+  revision       INTEGER NOT NULL DEFAULT 0,
+  next_constraint INTEGER NOT NULL DEFAULT 1,
+  -- Sums over the tables below, so that a summary costs nothing.
+  cells          INTEGER NOT NULL DEFAULT 0,
+  planes         INTEGER NOT NULL DEFAULT 0,
+  constraints    INTEGER NOT NULL DEFAULT 0,  -- not removed
+  encoded_bytes  INTEGER NOT NULL DEFAULT 0,
+  stored_bytes   INTEGER NOT NULL DEFAULT 0,
+  scans          INTEGER NOT NULL DEFAULT 0,
+  raw_points     INTEGER NOT NULL DEFAULT 0,
+  voxel_points   INTEGER NOT NULL DEFAULT 0
+);
+
+CREATE TABLE session (
+  map            INTEGER NOT NULL REFERENCES map(id),
+  name           TEXT    NOT NULL,
+  PRIMARY KEY (map, name)
+) WITHOUT ROWID;
+
+-- The bytes of CELLs by content, shared between maps. No scan of metadata touches this table.
+CREATE TABLE blob (
+  hash           BLOB    PRIMARY KEY,         -- of the encoded CELL
+  encoded_bytes  INTEGER NOT NULL,
+  checksum       BLOB    NOT NULL,            -- SHA-256 of frame: SQLite has none of its own
+  frame          BLOB    NOT NULL             -- one zstd frame
+);
+
+-- What is known of a CELL, with its current pose.
+CREATE TABLE cell (
+  map            INTEGER NOT NULL REFERENCES map(id),
+  id             INTEGER NOT NULL,
+  hash           BLOB    NOT NULL REFERENCES blob(hash),
+  session        TEXT    NOT NULL,
+  sequence       INTEGER NOT NULL,
+  planes         INTEGER NOT NULL,
+  encoded_bytes  INTEGER NOT NULL,
+  added          INTEGER NOT NULL,            -- revision
+  moved          INTEGER NOT NULL,            -- revision
+  x              REAL    NOT NULL,            -- T_map_cell, m
+  y              REAL    NOT NULL,
+  z              REAL    NOT NULL,
+  rotation       BLOB    NOT NULL,
+  gx             INTEGER NOT NULL,            -- floor(x / 64 m), floor(y / 64 m)
+  gy             INTEGER NOT NULL,
+  PRIMARY KEY (map, id)
+) WITHOUT ROWID;
+CREATE INDEX cell_by_place ON cell (map, gx, gy, x, y, z);
+CREATE UNIQUE INDEX cell_by_sequence ON cell (map, session, sequence);
+CREATE INDEX cell_by_change ON cell (map, moved);
+CREATE INDEX cell_by_hash ON cell (hash);
+
+-- Every pose that a CELL has had, by the revision that brought it.
+CREATE TABLE cell_pose (
+  map            INTEGER NOT NULL,
+  cell           INTEGER NOT NULL,
+  revision       INTEGER NOT NULL,
+  x              REAL    NOT NULL,
+  y              REAL    NOT NULL,
+  z              REAL    NOT NULL,
+  rotation       BLOB    NOT NULL,
+  PRIMARY KEY (map, cell, revision),
+  FOREIGN KEY (map, cell) REFERENCES cell(map, id)
+) WITHOUT ROWID;
+
+-- A CELL's stretch of its drive.
+CREATE TABLE cell_scans (
+  map            INTEGER NOT NULL,
+  cell           INTEGER NOT NULL,
+  T_odom_cell    BLOB    NOT NULL,
+  scans          BLOB    NOT NULL,
+  PRIMARY KEY (map, cell),
+  FOREIGN KEY (map, cell) REFERENCES cell(map, id)
+) WITHOUT ROWID;
+
+-- Constraints are never deleted from a living map: old revisions still see them.
+CREATE TABLE pose_constraint (
+  map            INTEGER NOT NULL,
+  id             INTEGER NOT NULL,
+  added          INTEGER NOT NULL,            -- revision
+  removed        INTEGER,                     -- revision
+  from_cell      INTEGER NOT NULL,
+  to_cell        INTEGER NOT NULL,
+  kind           INTEGER NOT NULL,
+  origin         INTEGER NOT NULL,
+  T_from_to      BLOB    NOT NULL,
+  information    BLOB    NOT NULL,
+  scores         BLOB    NOT NULL,
+  PRIMARY KEY (map, id),
+  FOREIGN KEY (map, from_cell) REFERENCES cell(map, id),
+  FOREIGN KEY (map, to_cell) REFERENCES cell(map, id)
+) WITHOUT ROWID;
+CREATE INDEX pose_constraint_by_cells ON pose_constraint (map, from_cell, to_cell);
+CREATE INDEX pose_constraint_by_target ON pose_constraint (map, to_cell);
+CREATE INDEX pose_constraint_by_added ON pose_constraint (map, added);
+CREATE INDEX pose_constraint_by_removed ON pose_constraint (map, removed);
+
+-- Jobs outlive their maps, and may begin before them.
+CREATE TABLE job (
+  id             INTEGER PRIMARY KEY AUTOINCREMENT,
+  map            TEXT    NOT NULL,
+  kind           TEXT    NOT NULL,
+  request        TEXT    NOT NULL,
+  state          TEXT    NOT NULL,
+  scans_done     INTEGER NOT NULL,
+  scans_total    INTEGER NOT NULL,
+  cells_done     INTEGER NOT NULL,
+  error_code     TEXT    NOT NULL,
+  error_message  TEXT    NOT NULL,
+  created        INTEGER NOT NULL,
+  started        INTEGER NOT NULL,
+  updated        INTEGER NOT NULL
+);
+CREATE INDEX job_by_map ON job (map, id);
+)sql";
+
+/// kMigrations[k] leads from version k to version k + 1. Published steps never change.
+constexpr std::array kMigrations = {kVersion1};
+
+void apply_migration(SqliteConnection& connection, std::size_t version) {
+  connection.execute("BEGIN IMMEDIATE");
+  try {
+    connection.execute(kMigrations[version]);
+    connection.execute(("PRAGMA application_id = " + std::to_string(kSqliteApplicationId)).c_str());
+    connection.execute(("PRAGMA user_version = " + std::to_string(version + 1)).c_str());
+    connection.execute("COMMIT");
+  } catch (...) {
+    if (connection.in_transaction()) connection.execute("ROLLBACK");
+    throw;
+  }
+}
+
+}  // namespace
+
+std::int64_t sqlite_schema_version() { return static_cast<std::int64_t>(kMigrations.size()); }
+
+std::int64_t grid_key(double coordinate_m) {
+  constexpr double kLimit = 1e15;  // keeps the conversion defined; no CELL is that far away
+  return static_cast<std::int64_t>(
+      std::floor(std::clamp(coordinate_m, -kLimit, kLimit) / kGridSizeM));
+}
+
+void require_our_schema(SqliteConnection& connection) {
+  const std::int64_t application = connection.integer("PRAGMA application_id");
+  const std::int64_t version = connection.integer("PRAGMA user_version");
+  const bool empty = connection.integer("SELECT COUNT(*) FROM sqlite_master") == 0;
+  if (application == 0 && version == 0 && empty) return;
+  if (application != kSqliteApplicationId || version < 1) {
+    throw Error(ErrorCode::kCorruptData,
+                "store: the file is an SQLite database, but no CELLmap store; name another file");
+  }
+  if (version > sqlite_schema_version()) {
+    throw Error(ErrorCode::kUnsupported,
+                "store: its schema has version " + std::to_string(version) +
+                    ", this program knows versions up to " +
+                    std::to_string(sqlite_schema_version()) + "; use a newer program");
+  }
+}
+
+void migrate_schema(SqliteConnection& connection) {
+  require_our_schema(connection);
+  const auto version = static_cast<std::size_t>(connection.integer("PRAGMA user_version"));
+  for (std::size_t step = version; step < kMigrations.size(); ++step) {
+    apply_migration(connection, step);
+  }
+}
+
+}  // namespace cellmap

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <cstdint>
+
+#include "cellmap/store/sqlite_connection.hpp"
+
+namespace cellmap {
+
+/// "CELL" in ASCII, in the SQLite header: tells `file` and us whose database it is.
+constexpr std::int64_t kSqliteApplicationId = 0x43454C4C;
+
+/// Version of the schema that this build reads and writes, in the header's user_version.
+std::int64_t sqlite_schema_version();
+
+/// Side of the square ground-plane grid by which CELLs are found, m.
+constexpr double kGridSizeM = 64.0;
+
+/// Column of the grid that holds a coordinate; monotonic, bounded for any finite coordinate.
+std::int64_t grid_key(double coordinate_m);
+
+/// Throws Error{kCorruptData} for another program's database and Error{kUnsupported} for a newer
+/// schema. An empty database passes.
+void require_our_schema(SqliteConnection& connection);
+
+/// Brings the schema to this build's version, each step in its own transaction. Throws as above.
+void migrate_schema(SqliteConnection& connection);
+
+}  // namespace cellmap

@@ -1,0 +1,243 @@
+#include "cellmap/store/sqlite_store.hpp"
+
+#include <chrono>
+
+#include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/group_commit.hpp"
+#include "cellmap/store/sqlite_cells.hpp"
+#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sqlite_writes.hpp"
+#include "cellmap/store/store_file.hpp"
+#include "cellmap/store/validation.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr std::chrono::milliseconds kGroupCommitWait(5);
+constexpr std::size_t kGroupCommitBatch = 256;
+constexpr std::uintmax_t kMinFreeBytes = 32u
+                                         << 20;  // a WAL that cannot be checkpointed yet, and some
+
+Stamp now() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+std::unique_ptr<SqliteConnection> open_connection(const std::filesystem::path& file,
+                                                  SqliteAccess access, int busy_timeout_ms) {
+  auto connection = std::make_unique<SqliteConnection>(file, access, busy_timeout_ms);
+  connection->execute("PRAGMA mmap_size = 0");  // cold reads through it are ten times slower
+  connection->execute("PRAGMA trusted_schema = OFF");
+  connection->execute("PRAGMA cell_size_check = ON");
+  return connection;
+}
+
+std::unique_ptr<SqliteConnection> open_writer(const std::filesystem::path& file,
+                                              int busy_timeout_ms) {
+  auto connection = open_connection(file, SqliteAccess::kReadWrite, busy_timeout_ms);
+  require_our_schema(*connection);  // before anything is written to what may be another's file
+  connection->execute("PRAGMA page_size = 16384");
+  if (connection->text("PRAGMA journal_mode = WAL") != "wal") {
+    throw Error(ErrorCode::kUnsupported,
+                "store " + file.string() +
+                    ": the file system does not support a write-ahead log; "
+                    "keep the store on a local disk");
+  }
+  connection->execute("PRAGMA synchronous = FULL");
+  connection->execute("PRAGMA foreign_keys = ON");
+  connection->execute("PRAGMA journal_size_limit = 67108864");
+  migrate_schema(*connection);
+  return connection;
+}
+
+class SqliteStore final : public Store {
+ public:
+  SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
+      : file_(file),
+        lock_(file),
+        writer_(open_writer(file, options.busy_timeout_ms)),
+        readers_(
+            [file, options] {
+              return open_connection(file, SqliteAccess::kReadWrite, options.busy_timeout_ms);
+            },
+            options.max_readers),
+        cache_(options.cache_bytes),
+        commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait,
+                 kGroupCommitBatch) {}
+
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
+    validate_map_name(name);
+    lattice.validate();
+    MapInfo created;
+    commits_.run([&] {
+      insert_map(*writer_, name, lattice, now());
+      created = read_map(*writer_, name);
+    });
+    return created;
+  }
+
+  void delete_map(const std::string& name) override {
+    commits_.run([&] { remove_map(*writer_, name); });
+  }
+
+  std::vector<MapInfo> maps() const override {
+    return readers_.read([](SqliteConnection& c) { return read_maps(c); });
+  }
+
+  MapInfo map(const std::string& name) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_map(c, name); });
+  }
+
+  CommitResult commit(const std::string& map, const MapUpdate& update) override {
+    validate(update);
+    std::vector<Bytes> frames;  // compressed here, so that writers do it at the same time
+    frames.reserve(update.cells.size());
+    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+    CommitResult result;
+    commits_.run([&] { result = apply_update(*writer_, map, update, frames); });
+    return result;
+  }
+
+  CellPage cells(const std::string& map, const CellQuery& query) const override {
+    validate(query);
+    return readers_.read(
+        [&](SqliteConnection& c) { return read_cells(c, read_map_row(c, map), query); });
+  }
+
+  CellRecord cell(const std::string& map, CellId id) const override {
+    return readers_.read([&](SqliteConnection& c) { return required_cell(c, map, id); });
+  }
+
+  std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
+                                  std::size_t count) const override {
+    validate_position(position);
+    if (count > StoreLimits::kMaxPageSize) {
+      throw Error(ErrorCode::kInvalidArgument,
+                  "count: expected at most " + std::to_string(StoreLimits::kMaxPageSize));
+    }
+    return readers_.read([&](SqliteConnection& c) {
+      return read_nearest(c, read_map_row(c, map), position, count);
+    });
+  }
+
+  std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const override {
+    return readers_.read([&](SqliteConnection& c) {
+      const ContentHash hash = required_cell(c, map, id).hash;
+      if (auto cached = cache_.find(hash)) return cached;
+      auto blob = read_blob(c, hash);
+      cache_.insert(hash, blob);
+      return blob;
+    });
+  }
+
+  std::optional<CellRecord> last_cell(const std::string& map,
+                                      const std::string& session) const override {
+    return readers_.read(
+        [&](SqliteConnection& c) { return find_last_cell(c, read_map_row(c, map).key, session); });
+  }
+
+  PoseGraph pose_graph(const std::string& map, std::optional<Revision> revision) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_pose_graph(c, map, revision); });
+  }
+
+  MapChanges changes(const std::string& map, Revision since) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_changes(c, map, since); });
+  }
+
+  std::vector<CellScans> scans(const std::string& map, const std::string& session) const override {
+    return readers_.read(
+        [&](SqliteConnection& c) { return read_scans(c, read_map_row(c, map).key, session); });
+  }
+
+  JobRecord create_job(JobRecord job) override {
+    validate(job);
+    job.created = job.updated = now();
+    commits_.run([&] { job.id = insert_job(*writer_, job); });
+    return job;
+  }
+
+  void update_job(const JobRecord& job) override {
+    validate(job);
+    JobRecord stamped = job;
+    stamped.updated = now();
+    commits_.run([&] { replace_job(*writer_, stamped); });
+  }
+
+  JobRecord job(JobId id) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_job(c, id); });
+  }
+
+  std::vector<JobRecord> jobs(const std::optional<std::string>& map) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_jobs(c, map); });
+  }
+
+  void check_ready() const override {
+    readers_.read([](SqliteConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
+    commits_.run([] {});
+    std::error_code error;
+    const auto space = std::filesystem::space(file_, error);
+    if (error || space.available < kMinFreeBytes) {
+      throw Error(ErrorCode::kIo, "store: less than 32 MiB are free on its disk; free space");
+    }
+  }
+
+ private:
+  static CellRecord required_cell(SqliteConnection& connection, const std::string& map, CellId id) {
+    std::optional<CellRecord> cell = find_cell(connection, read_map_row(connection, map).key, id);
+    if (!cell) {
+      throw Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+    }
+    return *std::move(cell);
+  }
+
+  void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
+
+  const std::filesystem::path file_;
+  const WriterLock lock_;
+  const std::unique_ptr<SqliteConnection> writer_;  ///< used by the head of `commits_` only
+  mutable SqlitePool readers_;
+  mutable BlobCache cache_;
+  mutable GroupCommit commits_;
+};
+
+/// One transaction for all, one savepoint for each: a write that fails takes back only its own.
+void SqliteStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
+  try {
+    writer_->execute("BEGIN IMMEDIATE");
+    for (GroupCommit::Write* const write : batch) {
+      writer_->execute("SAVEPOINT write");
+      try {
+        write->work();
+      } catch (...) {
+        write->failure = std::current_exception();
+        // After a full disk, for example, SQLite has rolled back everything itself.
+        if (!writer_->in_transaction()) throw;
+        writer_->execute("ROLLBACK TO write");
+      }
+      writer_->execute("RELEASE write");
+    }
+    writer_->execute("COMMIT");
+  } catch (...) {
+    for (GroupCommit::Write* const write : batch) {
+      if (!write->failure) write->failure = std::current_exception();
+    }
+    try {
+      if (writer_->in_transaction()) writer_->execute("ROLLBACK");
+    } catch (...) {
+      // The next BEGIN fails then and says so to its callers.
+    }
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<Store> open_sqlite_store(const std::filesystem::path& file,
+                                         const SqliteStoreOptions& options) {
+  require_local_file_system(file);
+  require_sqlite_or_empty(file);
+  return std::make_unique<SqliteStore>(file, options);
+}
+
+}  // namespace cellmap

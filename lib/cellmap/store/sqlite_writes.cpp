@@ -1,0 +1,312 @@
+#include "cellmap/store/sqlite_writes.hpp"
+
+#include <limits>
+
+#include "cellmap/store/row_codec.hpp"
+#include "cellmap/store/sqlite_cells.hpp"
+#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sqlite_schema.hpp"
+
+namespace cellmap {
+namespace {
+
+Bytes to_bytes(const ContentHash& hash) {
+  const auto raw = std::as_bytes(std::span(hash.bytes));
+  return {raw.begin(), raw.end()};
+}
+
+/// One update on its way into the tables.
+class Update {
+ public:
+  Update(SqliteConnection& connection, const std::string& map)
+      : connection_(connection),
+        map_(read_map_row(connection, map)),
+        revision_(map_.info.revision + 1) {}
+
+  const MapInfo& info() const { return map_.info; }
+
+  void add_cell(const NewCell& cell, const Bytes& frame);
+  void move_cell(CellId id, const Pose& T_map_cell);
+  void remove_constraint(ConstraintId id);
+  ConstraintId add_constraint(const Constraint& constraint);
+  void set_voxel_points(std::uint64_t voxel_points);
+  /// Writes the map's row; returns its revision.
+  Revision finish();
+
+ private:
+  bool is_there_already(const NewCell& cell) const;
+  void insert_blob(const NewCell& cell, const Bytes& frame);
+  void insert_cell(const NewCell& cell);
+  void insert_pose(CellId id, const Pose& T_map_cell);
+  std::optional<ConstraintId> find_identical(const Constraint& constraint) const;
+  void require_cell(CellId id) const;
+
+  SqliteConnection& connection_;
+  MapRow map_;
+  const Revision revision_;
+  bool changed_ = false;
+};
+
+void Update::add_cell(const NewCell& cell, const Bytes& frame) {
+  if (cell.cell->lattice != map_.info.lattice) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "CELL " + std::to_string(cell.id.value) +
+                    " was made with another lattice than that of map " + map_.info.name +
+                    "; build it with the map's lattice");
+  }
+  if (is_there_already(cell)) return;
+  insert_blob(cell, frame);
+  insert_cell(cell);
+  insert_pose(cell.id, cell.T_map_cell);
+  Query(connection_, "INSERT INTO cell_scans (map, cell, T_odom_cell, scans) VALUES (?, ?, ?, ?)",
+        map_.key, cell.id.value, pose_to_bytes(cell.cell->T_odom_cell), scans_to_bytes(cell.scans))
+      .run();
+  Query(connection_, "INSERT INTO session (map, name) VALUES (?, ?) ON CONFLICT DO NOTHING",
+        map_.key, cell.cell->session)
+      .run();
+  MapInfo& info = map_.info;
+  info.cells += 1;
+  info.planes += cell.cell->planes.size();
+  info.encoded_bytes += cell.encoded.bytes.size();
+  info.stored_bytes += frame.size();
+  info.scans += cell.scans.size();
+  info.raw_points += cell.raw_points;
+  changed_ = true;
+}
+
+bool Update::is_there_already(const NewCell& cell) const {
+  if (const auto same_id = find_cell(connection_, map_.key, cell.id)) {
+    if (same_id->hash == cell.encoded.hash) return true;
+    throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has a CELL " +
+                                          std::to_string(cell.id.value) +
+                                          " with other content; CELLs never change");
+  }
+  const auto& [session, sequence] = std::tie(cell.cell->session, cell.cell->sequence);
+  if (const auto same_place = find_cell(connection_, map_.key, session, sequence)) {
+    throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has session " + session +
+                                          ", sequence " + std::to_string(sequence) +
+                                          " already as CELL " +
+                                          std::to_string(same_place->id.value));
+  }
+  return false;
+}
+
+void Update::insert_blob(const NewCell& cell, const Bytes& frame) {
+  const Bytes hash = to_bytes(cell.encoded.hash);
+  {
+    Query row(connection_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
+    if (row.next()) {
+      if (row.unsigned64(0) == cell.encoded.bytes.size()) return;
+      throw Error(ErrorCode::kInvalidArgument,
+                  "CELL " + std::to_string(cell.id.value) + ": its hash is that of other bytes");
+    }
+  }
+  Query(connection_, "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?)",
+        hash, cell.encoded.bytes.size(), to_bytes(sha256(frame)), frame)
+      .run();
+}
+
+void Update::insert_cell(const NewCell& cell) {
+  const Eigen::Vector3d& position = cell.T_map_cell.translation();
+  Query(connection_,
+        "INSERT INTO cell (map, id, hash, session, sequence, planes, encoded_bytes, added, moved, "
+        "x, y, z, rotation, gx, gy) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        map_.key, cell.id.value, to_bytes(cell.encoded.hash), cell.cell->session,
+        cell.cell->sequence, cell.cell->planes.size(), cell.encoded.bytes.size(), revision_,
+        revision_, position.x(), position.y(), position.z(), rotation_to_bytes(cell.T_map_cell),
+        grid_key(position.x()), grid_key(position.y()))
+      .run();
+}
+
+void Update::insert_pose(CellId id, const Pose& T_map_cell) {
+  const Eigen::Vector3d& position = T_map_cell.translation();
+  // A CELL may be added and moved by one update; the last pose counts.
+  Query(
+      connection_,
+      "INSERT INTO cell_pose (map, cell, revision, x, y, z, rotation) VALUES (?, ?, ?, ?, ?, ?, ?) "
+      "ON CONFLICT (map, cell, revision) DO UPDATE SET x = excluded.x, y = excluded.y, "
+      "z = excluded.z, rotation = excluded.rotation",
+      map_.key, id.value, revision_, position.x(), position.y(), position.z(),
+      rotation_to_bytes(T_map_cell))
+      .run();
+}
+
+void Update::move_cell(CellId id, const Pose& T_map_cell) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) require_cell(id);
+  if (cell->T_map_cell.matrix() == T_map_cell.matrix()) return;
+  const Eigen::Vector3d& position = T_map_cell.translation();
+  Query(connection_,
+        "UPDATE cell SET moved = ?, x = ?, y = ?, z = ?, rotation = ?, gx = ?, gy = ? "
+        "WHERE map = ? AND id = ?",
+        revision_, position.x(), position.y(), position.z(), rotation_to_bytes(T_map_cell),
+        grid_key(position.x()), grid_key(position.y()), map_.key, id.value)
+      .run();
+  insert_pose(id, T_map_cell);
+  changed_ = true;
+}
+
+void Update::require_cell(CellId id) const {
+  Query row(connection_, "SELECT 1 FROM cell WHERE map = ? AND id = ?", map_.key, id.value);
+  if (!row.next()) {
+    throw Error(ErrorCode::kNotFound,
+                "map " + map_.info.name + " has no CELL " + std::to_string(id.value));
+  }
+}
+
+void Update::remove_constraint(ConstraintId id) {
+  {
+    Query row(connection_,
+              "SELECT 1 FROM pose_constraint WHERE map = ? AND id = ? AND removed IS NULL",
+              map_.key, id.value);
+    if (!row.next()) {
+      throw Error(ErrorCode::kNotFound,
+                  "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
+    }
+  }
+  Query(connection_, "UPDATE pose_constraint SET removed = ? WHERE map = ? AND id = ?", revision_,
+        map_.key, id.value)
+      .run();
+  map_.info.constraints -= 1;
+  changed_ = true;
+}
+
+std::optional<ConstraintId> Update::find_identical(const Constraint& constraint) const {
+  Query row(connection_,
+            "SELECT id FROM pose_constraint WHERE map = ? AND from_cell = ? AND to_cell = ? "
+            "AND kind = ? AND origin = ? AND T_from_to = ? AND information = ? "
+            "AND removed IS NULL ORDER BY id LIMIT 1",
+            map_.key, constraint.from.value, constraint.to.value,
+            static_cast<std::uint32_t>(constraint.kind),
+            static_cast<std::uint32_t>(constraint.origin), pose_to_bytes(constraint.T_from_to),
+            information_to_bytes(constraint.information));
+  if (!row.next()) return std::nullopt;
+  return ConstraintId{row.unsigned32(0)};
+}
+
+ConstraintId Update::add_constraint(const Constraint& constraint) {
+  require_cell(constraint.from);
+  require_cell(constraint.to);
+  if (const auto identical = find_identical(constraint)) return *identical;
+  if (map_.next_constraint == std::numeric_limits<std::uint32_t>::max()) {
+    throw Error(ErrorCode::kTooLarge, "map " + map_.info.name + " has used up its constraint ids");
+  }
+  const ConstraintId id{map_.next_constraint++};
+  Query(connection_,
+        "INSERT INTO pose_constraint (map, id, added, from_cell, to_cell, kind, origin, T_from_to, "
+        "information, scores) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        map_.key, id.value, revision_, constraint.from.value, constraint.to.value,
+        static_cast<std::uint32_t>(constraint.kind), static_cast<std::uint32_t>(constraint.origin),
+        pose_to_bytes(constraint.T_from_to), information_to_bytes(constraint.information),
+        scores_to_bytes(constraint.scores))
+      .run();
+  map_.info.constraints += 1;
+  changed_ = true;
+  return id;
+}
+
+void Update::set_voxel_points(std::uint64_t voxel_points) {
+  changed_ |= map_.info.voxel_points != voxel_points;
+  map_.info.voxel_points = voxel_points;
+}
+
+Revision Update::finish() {
+  if (!changed_) return map_.info.revision;
+  const MapInfo& info = map_.info;
+  Query(connection_,
+        "UPDATE map SET revision = ?, next_constraint = ?, cells = ?, planes = ?, constraints = ?, "
+        "encoded_bytes = ?, stored_bytes = ?, scans = ?, raw_points = ?, voxel_points = ? "
+        "WHERE id = ?",
+        revision_, map_.next_constraint, info.cells, info.planes, info.constraints,
+        info.encoded_bytes, info.stored_bytes, info.scans, info.raw_points, info.voxel_points,
+        map_.key)
+      .run();
+  return revision_;
+}
+
+}  // namespace
+
+void insert_map(SqliteConnection& connection, const std::string& name, const LatticeSpec& lattice,
+                Stamp created) {
+  {
+    Query row(connection, "SELECT 1 FROM map WHERE name = ?", name);
+    if (row.next()) {
+      throw Error(ErrorCode::kAlreadyExists, "there is a map named '" + name + "' already");
+    }
+  }
+  Query(connection,
+        "INSERT INTO map (name, lattice_kind, lattice_size, created) VALUES (?, ?, ?, ?)", name,
+        static_cast<std::uint32_t>(lattice.kind), lattice.size, created)
+      .run();
+}
+
+void remove_map(SqliteConnection& connection, const std::string& name) {
+  const std::int64_t map = read_map_row(connection, name).key;
+  for (const char* const statement :
+       {"DELETE FROM pose_constraint WHERE map = ?", "DELETE FROM cell_scans WHERE map = ?",
+        "DELETE FROM cell_pose WHERE map = ?", "DELETE FROM session WHERE map = ?"}) {
+    Query(connection, statement, map).run();
+  }
+  std::vector<Bytes> hashes;
+  {
+    Query rows(connection, "SELECT DISTINCT hash FROM cell WHERE map = ?", map);
+    while (rows.next()) hashes.emplace_back(rows.bytes(0).begin(), rows.bytes(0).end());
+  }
+  Query(connection, "DELETE FROM cell WHERE map = ?", map).run();
+  for (const Bytes& hash : hashes) {
+    Query(connection,
+          "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",
+          hash, hash)
+        .run();
+  }
+  Query(connection, "DELETE FROM map WHERE id = ?", map).run();
+}
+
+CommitResult apply_update(SqliteConnection& connection, const std::string& map,
+                          const MapUpdate& update, std::span<const Bytes> frames) {
+  Update writer(connection, map);
+  if (update.expected_revision && *update.expected_revision != writer.info().revision) {
+    throw Error(ErrorCode::kPreconditionFailed,
+                "map " + map + " is at revision " + std::to_string(writer.info().revision) +
+                    ", not at the expected " + std::to_string(*update.expected_revision) +
+                    "; read it again and repeat");
+  }
+  for (std::size_t i = 0; i < update.cells.size(); ++i) writer.add_cell(update.cells[i], frames[i]);
+  for (const auto& [id, T_map_cell] : update.poses) writer.move_cell(id, T_map_cell);
+  for (const ConstraintId id : update.remove_constraints) writer.remove_constraint(id);
+  CommitResult result;
+  for (const Constraint& constraint : update.add_constraints) {
+    result.constraint_ids.push_back(writer.add_constraint(constraint));
+  }
+  if (update.voxel_points) writer.set_voxel_points(*update.voxel_points);
+  result.revision = writer.finish();
+  return result;
+}
+
+JobId insert_job(SqliteConnection& connection, const JobRecord& job) {
+  Query row(connection,
+            "INSERT INTO job (map, kind, request, state, scans_done, scans_total, cells_done, "
+            "error_code, error_message, created, started, updated) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) RETURNING id",
+            job.map, job.kind, job.request_json, std::string(to_string(job.state)), job.scans_done,
+            job.scans_total, job.cells_done, job.error_code, job.error_message, job.created,
+            job.started, job.updated);
+  row.next();
+  return {row.unsigned32(0)};
+}
+
+void replace_job(SqliteConnection& connection, const JobRecord& job) {
+  const JobRecord before = read_job(connection, job.id);
+  if (before.map != job.map || before.kind != job.kind) {
+    throw Error(ErrorCode::kConflict,
+                "job " + std::to_string(job.id.value) + ": its map and kind cannot change");
+  }
+  Query(connection,
+        "UPDATE job SET state = ?, scans_done = ?, scans_total = ?, cells_done = ?, "
+        "error_code = ?, error_message = ?, started = ?, updated = ? WHERE id = ?",
+        std::string(to_string(job.state)), job.scans_done, job.scans_total, job.cells_done,
+        job.error_code, job.error_message, job.started, job.updated, job.id.value)
+      .run();
+}
+
+}  // namespace cellmap

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <span>
+
+#include "cellmap/store/sqlite_connection.hpp"
+#include "cellmap/store/store.hpp"
+
+namespace cellmap {
+
+// What the SQLite engine writes. Each function expects to run inside one transaction that the
+// caller commits, or rolls back where the function throws. Arguments have been validated.
+
+void insert_map(SqliteConnection& connection, const std::string& name, const LatticeSpec& lattice,
+                Stamp created);
+/// Removes everything of a map, and the blobs that no other map uses.
+void remove_map(SqliteConnection& connection, const std::string& name);
+
+/// `frames[k]` is the zstd frame of `update.cells[k]`.
+CommitResult apply_update(SqliteConnection& connection, const std::string& map,
+                          const MapUpdate& update, std::span<const Bytes> frames);
+
+JobId insert_job(SqliteConnection& connection, const JobRecord& job);
+void replace_job(SqliteConnection& connection, const JobRecord& job);
+
+}  // namespace cellmap

@@ -1,0 +1,53 @@
+#include "cellmap/store/store.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr std::size_t kMaxMapNameLength = 64;
+
+constexpr std::array<std::pair<JobState, std::string_view>, 5> kJobStates = {{
+    {JobState::kQueued, "queued"},
+    {JobState::kRunning, "running"},
+    {JobState::kSucceeded, "succeeded"},
+    {JobState::kFailed, "failed"},
+    {JobState::kCancelled, "cancelled"},
+}};
+
+bool is_lower_or_digit(char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9'); }
+
+}  // namespace
+
+std::string_view to_string(JobState state) {
+  for (const auto& [known, name] : kJobStates) {
+    if (known == state) return name;
+  }
+  return "unknown";
+}
+
+JobState job_state_from_string(std::string_view name) {
+  for (const auto& [state, known] : kJobStates) {
+    if (known == name) return state;
+  }
+  throw Error(ErrorCode::kCorruptData,
+              "job state: expected queued, running, succeeded, failed or cancelled");
+}
+
+void validate_map_name(const std::string& name) {
+  const bool valid =
+      !name.empty() && name.size() <= kMaxMapNameLength && is_lower_or_digit(name.front()) &&
+      std::all_of(name.begin(), name.end(),
+                  [](char c) { return is_lower_or_digit(c) || c == '_' || c == '-'; });
+  if (!valid) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "map name: expected 1 to 64 characters of a-z, 0-9, '_' and '-', beginning with a "
+                "letter or digit");
+  }
+}
+
+}  // namespace cellmap
