@@ -84,7 +84,10 @@ struct Patch {
 
 bool is_planar(const FittedPlane& fitted, const CellBuildOptions& options) {
   const double max_rms2 = options.max_plane_rms_m * options.max_plane_rms_m;
-  return (options.max_plane_rms_m == 0 || fitted.variance_across_m2 <= max_rms2) &&
+  const double max_tangent = std::tan(options.max_normal_error_deg * std::numbers::pi / 180);
+  const double leverage = static_cast<double>(fitted.points) * fitted.variance_within_m2;
+  return fitted.variance_across_m2 <= max_tangent * max_tangent * leverage &&
+         (options.max_plane_rms_m == 0 || fitted.variance_across_m2 <= max_rms2) &&
          fitted.variance_across_m2 <= options.max_thickness_ratio * fitted.variance_within_m2;
 }
 
@@ -152,6 +155,8 @@ void CellBuildOptions::validate() const {
           max_plane_rms_m);
   require(max_thickness_ratio > 0 && max_thickness_ratio <= 1, "0 < max_thickness_ratio <= 1",
           max_thickness_ratio);
+  require(max_normal_error_deg > 0 && max_normal_error_deg <= 90, "0 < max_normal_error_deg <= 90",
+          max_normal_error_deg);
   require(min_grazing_angle_deg >= 0 && min_grazing_angle_deg < 90,
           "0 <= min_grazing_angle_deg < 90", min_grazing_angle_deg);
   require(range_margin_m >= 0 && range_margin_m <= 1000, "0 <= range_margin_m <= 1000",

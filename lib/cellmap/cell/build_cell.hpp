@@ -24,7 +24,10 @@ struct CellBuildOptions {
   double max_plane_rms_m = 0.0;
   /// Patches whose points lie along a line have no certain normal: the variance of the kept points
   /// across the plane must be at most this share of the smaller variance within it. 1: no test.
-  double max_thickness_ratio = 1.0;
+  double max_thickness_ratio = 0.3;
+  /// Standard error of the normal, sqrt(variance across / (points x smaller variance within)),
+  /// above which a patch keeps no plane. 90: no test.
+  double max_normal_error_deg = 90.0;
   /// Planes that are met at a smaller angle by the ray of their lattice point keep none: there a
   /// small error of the normal becomes a large one of the distance.
   double min_grazing_angle_deg = 1.0;

@@ -63,10 +63,11 @@ double dot(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
 /// Chord from a direction on the circle of latitude of radius^2 `r2` to the nearer pole.
 double pole_chord(double r2, double abs_z) { return std::sqrt(2 * r2 / (1 + abs_z)); }
 
-/// 2 - 2 cos(x) for |x| < 0.5, to the last bits.
+/// 2 - 2 cos(x) by its Taylor series, to the last bits for |x| < 0.3.
 double squared_chord_of_angle(double x) {
   const double x2 = x * x;
-  return x2 * (1 - x2 / 12 * (1 - x2 / 30 * (1 - x2 / 56 * (1 - x2 / 90 * (1 - x2 / 132)))));
+  return x2 *
+         (1 + x2 * (-1.0 / 12 + x2 * (1.0 / 360 + x2 * (-1.0 / 20'160 + x2 * (1.0 / 1'814'400)))));
 }
 
 }  // namespace
@@ -187,9 +188,10 @@ std::uint32_t Lattice::nearest_in_zone(const Eigen::Vector3d& direction, double 
                                        double r2) const {
   const Zone& zone = zone_at(r2);
   const double n = size();
+  const double inverse_n = 1.0 / n;
   const double r = std::sqrt(r2);
   const double t = (n * (1 - unit_z) - 1) / 2;  // index, as a real number
-  const double turns = std::atan2(direction.y(), direction.x()) / (2 * std::numbers::pi);
+  const double turns = std::atan2(direction.y(), direction.x()) * (0.5 * std::numbers::inv_pi);
   const auto units = static_cast<std::uint64_t>(static_cast<std::int64_t>(turns * 0x1p62)) << 2;
   const auto a =
       static_cast<std::int64_t>(std::floor(zone.index_to_a * t + zone.azimuth_to_a * turns));
@@ -201,22 +203,21 @@ std::uint32_t Lattice::nearest_in_zone(const Eigen::Vector3d& direction, double 
   std::array<double, 4> chord2;
   for (std::size_t k = 0; k < 4; ++k) {
     const auto i = static_cast<double>(corners[k]);
-    const double dz = (i - t) * 2 / n;
-    const double corner_r = std::sqrt((2 * i + 1) * (2 * n - 2 * i - 1)) / n;
+    const double dz = (i - t) * 2 * inverse_n;
+    const double corner_r = std::sqrt((2 * i + 1) * (2 * n - 2 * i - 1)) * inverse_n;
     const double turn = static_cast<double>(
         static_cast<std::int64_t>(azimuth_units(static_cast<std::uint64_t>(corners[k])) - units));
     chord2[k] = dz * dz + (r - corner_r) * (r - corner_r) +
                 r * corner_r * squared_chord_of_angle(turn * kRadiansPerUnit);
   }
-  const double least = *std::min_element(chord2.begin(), chord2.end());
-  std::int64_t best = -1;
+  // Without branches: which corner is nearest cannot be predicted.
+  const bool first = chord2[1] < chord2[0], second = chord2[3] < chord2[2];
+  const double least_01 = first ? chord2[1] : chord2[0], least_23 = second ? chord2[3] : chord2[2];
+  const std::int64_t best_01 = corners[first], best_23 = corners[2 + second];
+  const double least = std::min(least_01, least_23);
+  std::int64_t best = least_23 < least_01 ? best_23 : best_01;
   int near = 0;
-  for (std::size_t k = 0; k < 4; ++k) {
-    if (chord2[k] <= least + kNearTie) {
-      best = corners[k];
-      ++near;
-    }
-  }
+  for (const double c : chord2) near += c <= least + kNearTie;
   if (near == 1) return static_cast<std::uint32_t>(best);
   double best_dot = -HUGE_VAL;
   for (std::size_t k = 0; k < 4; ++k) {

@@ -1,8 +1,11 @@
 #include "cellmap/registration/information.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "cellmap/registration/scores.hpp"
 
@@ -53,6 +56,13 @@ VarianceComponents variance_components(std::span<const std::vector<PlaneMoments>
   return {b, w};
 }
 
+/// A motion about the target's origin from the same motion about the scan's: rho = rho' + t x phi.
+Matrix6d about_scan_origin(const Pose& T) {
+  Matrix6d A = Matrix6d::Identity();
+  A.topRightCorner<3, 3>() = skew(T.translation());
+  return A;
+}
+
 }  // namespace
 
 Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const HitDistances> hits,
@@ -71,7 +81,22 @@ Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const
     }
     information += plane_weighted_system(terms[i], T, kInlierDistanceM, weight, selection).H;
   }
-  return information;
+  return information / kPlanesAWitness;
+}
+
+Matrix6d with_systematic_deviation(const Matrix6d& information, const Pose& T,
+                                   const RegistrationOptions& options) {
+  if (options.systematic_translation_m == 0) return information;
+  const double translation = 1.0 / options.systematic_translation_m;
+  const double rotation = 180.0 / std::numbers::pi / options.systematic_rotation_deg;
+  Tangent precision;
+  precision << Eigen::Vector3d::Constant(translation * translation),
+      Eigen::Vector3d::Constant(rotation * rotation);
+  const Matrix6d to_scan = about_scan_origin(T).inverse();
+  const Matrix6d limit = to_scan.transpose() * precision.asDiagonal() * to_scan;
+  // (H^-1 + L^-1)^-1 = H (H + L)^-1 L.
+  const Matrix6d sum = information * (information + limit).ldlt().solve(limit);
+  return 0.5 * (sum + sum.transpose());
 }
 
 double median_range_m(std::span<const RegistrationTerm> terms, const PointSelection& selection) {
@@ -92,10 +117,9 @@ Degeneracy degeneracy_of(const Matrix6d& information, const Pose& T, double medi
   Degeneracy degeneracy;
   degeneracy.degenerate = true;
   if (!(median_range_m > 0) || !(information.trace() > 0)) return degeneracy;
-  // xi about the target's origin from xi about the scan's: rho = rho' + t x phi. A rotation in
-  // units of 1 / median range moves a typical point by about one unit, as a translation does.
-  Matrix6d A = Matrix6d::Identity();
-  A.topRightCorner<3, 3>() = skew(T.translation());
+  // A rotation in units of 1 / median range moves a typical point by about one unit, as a
+  // translation does.
+  Matrix6d A = about_scan_origin(T);
   A.rightCols<3>() /= median_range_m;
   const Matrix6d at_scan = A.transpose() * information * A;
 

@@ -15,8 +15,19 @@ namespace cellmap {
 /// variance w, both estimated from the distances themselves by a one-way analysis of variance. The
 /// mean of m points on one plane then has the variance b + w / m, so each of them counts with the
 /// weight 1 / (m b + w): a plane hit by a thousand points says little more than one hit by ten.
+///
+/// Neighbouring planes of one wall share errors, too. `kPlanesAWitness` of them count as one; with
+/// it the two directions of a registration, which share no measurement, disagree by what their
+/// covariances say (23 neighbouring single scans of KITTI 00, mean squared normalised error 5 to 6
+/// times too large without it).
+constexpr double kPlanesAWitness = 6.0;
 Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const HitDistances> hits,
                         const Pose& T, const PointSelection& selection);
+
+/// `information` limited by the systematic deviations of the options: the inverse of the sum of the
+/// two covariances, which also exists where the information is singular.
+Matrix6d with_systematic_deviation(const Matrix6d& information, const Pose& T,
+                                   const RegistrationOptions& options);
 
 /// What the information says about the weakest motion about the scan's origin.
 /// `median_range_m` turns rotations into the displacements they cause.

@@ -75,9 +75,10 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const
   }
   result.scores = scores_of(hits);
   result.rmse_m = inlier_rmse_m(hits);
-  result.information = information_of(terms, hits, result.T_target_source, selection);
-  result.degeneracy = degeneracy_of(result.information, result.T_target_source,
+  const Matrix6d information = information_of(terms, hits, result.T_target_source, selection);
+  result.degeneracy = degeneracy_of(information, result.T_target_source,
                                     median_range_m(terms, selection), options.degeneracy_share);
+  result.information = with_systematic_deviation(information, result.T_target_source, options);
   return result;
 }
 
@@ -103,10 +104,12 @@ RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
 }
 
 std::vector<RegistrationStage> default_registration_stages() {
-  return {{4, 2.0, RobustKernel::kNone, 0.05},
-          {3, 1.0, RobustKernel::kNone, 0.05},
-          {3, 0.5, RobustKernel::kNone, 0.05},
-          {20, 0.5, RobustKernel::kGemanMcClure, 0.05}};
+  constexpr std::size_t kCoarsePoints = 20'000;
+  return {{4, 2.0, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {3, 1.0, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {3, 0.5, RobustKernel::kNone, 0.05, kCoarsePoints},
+          {6, 0.5, RobustKernel::kGemanMcClure, 0.05, kCoarsePoints},
+          {30, 0.5, RobustKernel::kGemanMcClure, 0.05}};
 }
 
 void RegistrationOptions::validate() const {
@@ -122,6 +125,12 @@ void RegistrationOptions::validate() const {
   require(point_step >= 1, "point_step >= 1");
   require(min_points_in_gate >= 6, "min_points_in_gate >= 6");
   require(degeneracy_share >= 0 && degeneracy_share <= 1, "0 <= degeneracy_share <= 1");
+  require(systematic_translation_m >= 0 && std::isfinite(systematic_translation_m),
+          "systematic_translation_m >= 0");
+  require(systematic_rotation_deg >= 0 && systematic_rotation_deg <= 180,
+          "0 <= systematic_rotation_deg <= 180");
+  require((systematic_translation_m == 0) == (systematic_rotation_deg == 0),
+          "both systematic deviations or none");
   require(threads >= 0, "threads >= 0");
 }
 

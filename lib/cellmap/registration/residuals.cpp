@@ -104,7 +104,16 @@ std::size_t selected_points(const PointCloud& scan, std::size_t step) {
   return (scan.size() + step - 1) / step;
 }
 
-/// Calls `add(hit, point, sums)` for every point that has a plane and adds up the chunks in order.
+/// `selection` with a step so large that no more than `max_points` take part (0: any number).
+PointSelection thinned(PointSelection selection, const PointCloud& scan, std::size_t max_points) {
+  if (max_points > 0) {
+    selection.step = std::max(selection.step, (scan.size() + max_points - 1) / max_points);
+  }
+  return selection;
+}
+
+/// Calls `add(mover, hit, point, sums)` for every point that has a plane and adds up the chunks in
+/// order.
 template <typename Add>
 void sum_over_points(const RegistrationTerm& term, const Pose& T, const PointSelection& selection,
                      NormalSystem& system, const Add& add) {
@@ -162,7 +171,7 @@ NormalSystem normal_system(std::span<const RegistrationTerm> terms, const Pose& 
   NormalSystem system;
   for (const RegistrationTerm& term : terms) {
     sum_over_points(
-        term, T, selection, system,
+        term, T, thinned(selection, *term.scan, stage.max_points), system,
         [&](const PointMover& mover, const PointMover::Hit& hit, std::size_t point, Sums& sums) {
           if (std::abs(hit.distance_m) > stage.gate_m) return;
           sums.add(mover.jacobian(hit, point), kernel_weight(stage, hit.distance_m),
