@@ -28,7 +28,8 @@ std::vector<Weighted> parse_weighted(std::string_view header) {
   return list;
 }
 
-/// 3: the type itself, 2: its "type/*", 1: "*/*", 0: no match. More specific wins (RFC 9110, 12.5.1).
+/// 3: the type itself, 2: its "type/*", 1: "*/*", 0: no match. More specific wins (RFC
+/// 9110, 12.5.1).
 int specificity(std::string_view pattern, std::string_view type) {
   if (equal_no_case(pattern, type)) return 3;
   if (pattern == "*/*") return 1;

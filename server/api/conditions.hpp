@@ -9,8 +9,8 @@
 
 namespace cellmap::server {
 
-/// RFC 9110 as far as the API needs it: validators, ranges and negotiation. Pure functions of header
-/// values; malformed values are ignored as the RFC asks.
+/// RFC 9110 as far as the API needs it: validators, ranges and negotiation. Pure functions of
+/// header values; malformed values are ignored as the RFC asks.
 
 /// True where an If-None-Match value names one of the entity tags (each with its quotes) or is `*`.
 /// Weak comparison.
@@ -33,8 +33,8 @@ RangeRequest parse_range(std::string_view header, std::size_t size);
 std::optional<std::string> negotiate(const std::optional<std::string>& accept,
                                      std::span<const std::string> available);
 
-/// True where an Accept-Encoding value allows the coding by name or by `*` with a quality above 0 that is
-/// not below that of identity where identity is named.
+/// True where an Accept-Encoding value allows the coding by name or by `*` with a quality above 0
+/// that is not below that of identity where identity is named.
 bool accepts_coding(const std::optional<std::string>& accept_encoding, std::string_view coding);
 
 /// The media type of a Content-Type value, lower case, without parameters.

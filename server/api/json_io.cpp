@@ -42,7 +42,7 @@ Json parse_json(std::string_view text) {
     if (event == Event::object_start) keys.emplace_back();
     if (event == Event::object_end) keys.pop_back();
     if (event == Event::key && !keys.back().insert(parsed.get<std::string>()).second) {
-      invalid("The JSON body has the key " + quoted(parsed.get<std::string>()) + " twice.");
+      invalid("The JSON body has the key " + in_quotes(parsed.get<std::string>()) + " twice.");
     }
     return true;
   };
@@ -80,7 +80,7 @@ const Json* ObjectReader::member(const std::string& key) {
 
 void ObjectReader::refuse(const std::string& key, const std::string& expected) const {
   invalid("Expected '" + key + "' in " + name_ + " to be " + expected + ", found " +
-          quoted(dump(json_.at(key))) + ".");
+          in_quotes(dump(json_.at(key))) + ".");
 }
 
 std::optional<std::string> ObjectReader::text(const std::string& key) {
@@ -156,7 +156,7 @@ void ObjectReader::finish() const {
     if (known_.contains(key)) continue;
     std::string expected;
     for (const auto& name : known_) expected += (expected.empty() ? "" : ", ") + name;
-    invalid("Unknown member " + quoted(key) + " in " + name_ + "; it can have: " + expected + ".");
+    invalid("Unknown member " + in_quotes(key) + " in " + name_ + "; it can have: " + expected + ".");
   }
 }
 
@@ -191,9 +191,7 @@ Json to_json(const Constraint& constraint) {
           {"scores", to_json(constraint.scores)}};
 }
 
-Json to_json(const LatticeSpec& lattice) {
-  return {{"kind", "fibonacci"}, {"size", lattice.size}};
-}
+Json to_json(const LatticeSpec& lattice) { return {{"kind", "fibonacci"}, {"size", lattice.size}}; }
 
 Json to_json(const MapInfo& map) {
   Json bounds;
@@ -221,16 +219,11 @@ Json to_json(const MapInfo& map) {
 
 Json to_json(const CellRecord& cell) {
   const std::string hash = to_hex(cell.hash);
-  return {{"id", cell.id.value},
-          {"etag", '"' + hash + '"'},
-          {"hash", hash},
-          {"added", cell.added},
-          {"moved", cell.moved},
-          {"pose", to_json(cell.T_map_cell)},
-          {"session", cell.session},
-          {"sequence", cell.sequence},
-          {"planes", cell.planes},
-          {"bytes", cell.encoded_bytes}};
+  return {
+      {"id", cell.id.value},        {"etag", '"' + hash + '"'},  {"hash", hash},
+      {"added", cell.added},        {"moved", cell.moved},       {"pose", to_json(cell.T_map_cell)},
+      {"session", cell.session},    {"sequence", cell.sequence}, {"planes", cell.planes},
+      {"bytes", cell.encoded_bytes}};
 }
 
 Json nodes_to_json(const std::map<CellId, Pose>& poses) {
@@ -254,7 +247,7 @@ LatticeSpec lattice_from_json(const Json& json) {
   LatticeSpec spec;
   if (const auto kind = reader.text("kind"); kind && *kind != "fibonacci") {
     throw Error(ErrorCode::kUnsupported,
-                "This server knows the lattice kind 'fibonacci', not " + quoted(*kind) + ".");
+                "This server knows the lattice kind 'fibonacci', not " + in_quotes(*kind) + ".");
   }
   if (const auto size = reader.integer("size", UINT32_MAX)) {
     spec.size = static_cast<std::uint32_t>(*size);

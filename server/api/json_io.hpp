@@ -2,13 +2,12 @@
 
 #include <cstdint>
 #include <functional>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
 #include <span>
 #include <string>
 #include <string_view>
-
-#include <nlohmann/json.hpp>
 
 #include "cellmap/core/stamp.hpp"
 #include "cellmap/geometry/lattice.hpp"

@@ -57,9 +57,9 @@ class MapState {
   /// Keeps the state alive.
   static TargetProvider targets(std::shared_ptr<const MapState> state);
 
-  /// Descriptors of CELLs of `graph`, brought up to date as far as other readers allow: an index that is
-  /// being read is never changed, so there are at most two, and while both are in use the fuller one
-  /// is handed out as it is. Takes 0.3 ms a CELL that is new to it.
+  /// Descriptors of CELLs of `graph`, brought up to date as far as other readers allow: an index
+  /// that is being read is never changed, so there are at most two, and while both are in use the
+  /// fuller one is handed out as it is. Takes 0.3 ms a CELL that is new to it.
   std::shared_ptr<const PlaceIndex> place_index(const PoseGraph& graph) const;
 
   /// Serialises what changes the map: held from reading the graph that a change starts from until
@@ -87,8 +87,8 @@ class MapState {
 };
 
 struct MapsOptions {
-  std::size_t loaded_maps = 16;         ///< states kept; more only while they are in use
-  std::size_t cached_targets = 256;     ///< RegistrationTargets, about 0.5 MB each
+  std::size_t loaded_maps = 16;      ///< states kept; more only while they are in use
+  std::size_t cached_targets = 256;  ///< RegistrationTargets, about 0.5 MB each
 };
 
 /// The states of the maps of a store. Thread safe.

@@ -19,7 +19,11 @@ std::optional<std::string> Headers::get(std::string_view name) const {
   std::optional<std::string> joined;
   for (const auto& [field, value] : fields_) {
     if (!equal_no_case(field, name)) continue;
-    joined = joined ? *joined + ", " + value : value;
+    if (joined) {
+      joined->append(", ").append(value);
+    } else {
+      joined = value;
+    }
   }
   return joined;
 }

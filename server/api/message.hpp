@@ -44,8 +44,8 @@ struct SharedBytes {
   std::size_t length = 0;
 };
 
-/// A body of unknown length: appends the next piece to `chunk` (nothing: try again), blocks for a few
-/// seconds at most, and returns false when it has ended.
+/// A body of unknown length: appends the next piece to `chunk` (nothing: try again), blocks for a
+/// few seconds at most, and returns false when it has ended.
 using BodyStream = std::function<bool(std::string& chunk)>;
 
 /// An HTTP response. The answer to HEAD keeps the body so that the front can state its length; the

@@ -36,8 +36,12 @@ const Row& row_of(ErrorCode code) {
 
 Response document(int status, const std::string& code, const std::string& title,
                   const std::string& detail, const std::optional<std::uint64_t>& next_scan = {}) {
-  Json json{{"type", "/problems/" + code}, {"title", title}, {"status", status},
-            {"detail", detail},            {"code", code},   {"instance", ""}};
+  Json json{{"type", "/problems/" + code},
+            {"title", title},
+            {"status", status},
+            {"detail", detail},
+            {"code", code},
+            {"instance", ""}};
   if (next_scan) json["next_scan"] = *next_scan;
   Response response = json_response(json, status);
   response.headers.set("Content-Type", "application/problem+json");

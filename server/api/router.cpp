@@ -14,7 +14,7 @@ namespace {
 
 std::string decoded_or_throw(std::string_view text) {
   auto decoded = percent_decoded(text);
-  if (!decoded) invalid("The request target holds a broken escape: " + quoted(text) + ".");
+  if (!decoded) invalid("The request target holds a broken escape: " + in_quotes(text) + ".");
   return *std::move(decoded);
 }
 
@@ -52,7 +52,7 @@ std::uint32_t Call::path_id(const std::string& name) const {
   const auto value = parse_unsigned(path(name));
   if (!value || *value > UINT32_MAX) {
     invalid("A " + name + " is named by an integer from 0 to 4294967295, found " +
-            quoted(path(name)) + ".");
+            in_quotes(path(name)) + ".");
   }
   return static_cast<std::uint32_t>(*value);
 }
@@ -69,7 +69,7 @@ std::optional<std::uint64_t> Call::query_integer(const std::string& name, std::u
   const auto value = parse_unsigned(*text);
   if (!value || *value < min || *value > max) {
     invalid("Expected '" + name + "' to be an integer from " + std::to_string(min) + " to " +
-            std::to_string(max) + ", found " + quoted(*text) + ".");
+            std::to_string(max) + ", found " + in_quotes(*text) + ".");
   }
   return value;
 }
@@ -80,7 +80,7 @@ std::optional<double> Call::query_number(const std::string& name, double min, do
   const auto value = parse_number(*text);
   if (!value || *value < min || *value > max) {
     invalid("Expected '" + name + "' to be a number from " + std::to_string(min) + " to " +
-            std::to_string(max) + ", found " + quoted(*text) + ".");
+            std::to_string(max) + ", found " + in_quotes(*text) + ".");
   }
   return value;
 }
@@ -100,7 +100,7 @@ std::string Call::content_type(const std::vector<std::string>& expected) const {
     list += (list.empty() ? "" : " or ") + name;
   }
   throw Error(ErrorCode::kUnsupported,
-              "Expected a body of Content-Type " + list + ", found " + quoted(type) + ".");
+              "Expected a body of Content-Type " + list + ", found " + in_quotes(type) + ".");
 }
 
 Json Call::json() const {
@@ -116,7 +116,7 @@ std::string Call::content(std::size_t max_size) const {
   if (equal_no_case(coding, "identity")) return request_.body;
   if (!equal_no_case(coding, "zstd")) {
     throw Error(ErrorCode::kUnsupported,
-                "Bodies are read with Content-Encoding zstd or none, not " + quoted(coding) + ".");
+                "Bodies are read with Content-Encoding zstd or none, not " + in_quotes(coding) + ".");
   }
   const Bytes bytes = zstd_decompress(as_bytes(request_.body), max_size);
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
@@ -151,7 +151,7 @@ Target parse_target(std::string_view target) {
       value = decoded_or_throw(plus_as_space);
     }
     if (!result.query.emplace(name, std::move(value)).second) {
-      invalid("The query names " + quoted(name) + " twice.");
+      invalid("The query names " + in_quotes(name) + " twice.");
     }
   }
   return result;

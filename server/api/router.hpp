@@ -14,8 +14,9 @@
 
 namespace cellmap::server {
 
-/// A request on its way to a handler: path parameters and query are decoded, the body is as it came.
-/// The readers throw Error{kInvalidArgument}, {kUnsupported} or {kTooLarge} with what was expected.
+/// A request on its way to a handler: path parameters and query are decoded, the body is as it
+/// came. The readers throw Error{kInvalidArgument}, {kUnsupported} or {kTooLarge} with what was
+/// expected.
 class Call {
  public:
   Call(const Request& request, std::map<std::string, std::string> path,
@@ -57,7 +58,8 @@ struct Route {
   std::string pattern;             ///< "/v1/maps/{map}/cells": a segment in braces is a parameter
   std::vector<std::string> query;  ///< names it knows; where it knows some, others are refused
   std::size_t max_body = 0;        ///< bytes, as sent
-  std::vector<std::string> types;  ///< media types of its answer; empty: no negotiation (or its own)
+  std::vector<std::string>
+      types;  ///< media types of its answer; empty: no negotiation (or its own)
   Handler handler;
 };
 

@@ -64,8 +64,9 @@ std::vector<double> parse_numbers(std::string_view text, char separator, std::si
     numbers.push_back(*number);
   }
   if (numbers.size() != count) {
-    throw Error(ErrorCode::kInvalidArgument, std::string(what) + " must be " + std::to_string(count) +
-                                                 " finite numbers, found " + quoted(text) + ".");
+    throw Error(ErrorCode::kInvalidArgument, std::string(what) + " must be " +
+                                                 std::to_string(count) + " finite numbers, found " +
+                                                 in_quotes(text) + ".");
   }
   return numbers;
 }
@@ -90,7 +91,7 @@ std::optional<std::string> percent_decoded(std::string_view text) {
   return decoded;
 }
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   constexpr std::size_t kMaxLength = 100;
   std::string result = "'";
   for (const char c : text.substr(0, kMaxLength)) {

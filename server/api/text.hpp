@@ -30,6 +30,6 @@ std::vector<double> parse_numbers(std::string_view text, char separator, std::si
 std::optional<std::string> percent_decoded(std::string_view text);
 
 /// For messages: printable and at most 100 bytes long.
-std::string quoted(std::string_view text);
+std::string in_quotes(std::string_view text);
 
 }  // namespace cellmap::server

@@ -17,12 +17,12 @@ constexpr std::size_t kMaxPathLength = 4096;
 }
 
 void check_session(const std::string& session) {
-  const bool valid = !session.empty() && session.size() <= 64 &&
-                     std::ranges::all_of(session, [](unsigned char c) {
-                       return c < 0x80 && (std::isalnum(c) || c == '.' || c == '_' || c == '-');
-                     });
+  const bool valid =
+      !session.empty() && session.size() <= 64 && std::ranges::all_of(session, [](unsigned char c) {
+        return c < 0x80 && (std::isalnum(c) || c == '.' || c == '_' || c == '-');
+      });
   if (!valid) {
-    invalid("A session is named by 1 to 64 characters [A-Za-z0-9._-], found " + quoted(session) +
+    invalid("A session is named by 1 to 64 characters [A-Za-z0-9._-], found " + in_quotes(session) +
             ".");
   }
 }
@@ -31,7 +31,7 @@ PoseFrame parse_pose_frame(const std::string& name) {
   if (name == "auto") return PoseFrame::kAuto;
   if (name == "camera") return PoseFrame::kCamera;
   if (name == "sensor") return PoseFrame::kSensor;
-  invalid("Expected pose_frame to be auto, camera or sensor, found " + quoted(name) + ".");
+  invalid("Expected pose_frame to be auto, camera or sensor, found " + in_quotes(name) + ".");
 }
 
 MapperOptions parse_options(const Json& json) {
@@ -52,7 +52,7 @@ MapperOptions parse_options(const Json& json) {
   }
   if (const auto fit = reader.text("fit")) {
     if (*fit != "trimmed" && *fit != "ransac") {
-      invalid("Expected fit to be trimmed or ransac, found " + quoted(*fit) + ".");
+      invalid("Expected fit to be trimmed or ransac, found " + in_quotes(*fit) + ".");
     }
     options.build.fit = *fit == "ransac" ? PlaneFit::kRansac : PlaneFit::kTrimmed;
   }
@@ -75,7 +75,7 @@ void check_links(const fs::path& folder, const std::vector<fs::path>& roots, int
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(folder, ignored)) {
     if (entry.is_symlink() && !is_below_any(fs::weakly_canonical(entry.path()), roots)) {
-      invalid("The link " + quoted(entry.path().filename().string()) +
+      invalid("The link " + in_quotes(entry.path().filename().string()) +
               " in the data set leads out of the server's data roots.");
     }
     if (depth < kDeepestFolderThatReadersOpen && entry.is_directory(ignored)) {
@@ -135,14 +135,14 @@ fs::path resolve_below(const std::vector<fs::path>& roots, const std::string& as
     one_is_below = true;
     if (fs::exists(path, error)) return path;
   }
-  if (!one_is_below) invalid("The path " + quoted(asked) + " is not below a data root.");
-  throw Error(ErrorCode::kNotFound, "There is no " + quoted(asked) + " below the data roots.");
+  if (!one_is_below) invalid("The path " + in_quotes(asked) + " is not below a data root.");
+  throw Error(ErrorCode::kNotFound, "There is no " + in_quotes(asked) + " below the data roots.");
 }
 
 std::unique_ptr<ScanSource> open_request(const IngestRequest& request,
                                          const std::vector<fs::path>& roots) {
   const fs::path folder = resolve_below(roots, *request.path);
-  if (!fs::is_directory(folder)) invalid("The path " + quoted(*request.path) + " is no folder.");
+  if (!fs::is_directory(folder)) invalid("The path " + in_quotes(*request.path) + " is no folder.");
   check_links(folder, roots, 0);
   DatasetOptions options;
   options.pose_frame = request.pose_frame;

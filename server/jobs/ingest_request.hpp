@@ -35,8 +35,8 @@ std::filesystem::path resolve_below(const std::vector<std::filesystem::path>& ro
                                     const std::string& asked,
                                     const std::filesystem::path& base = {});
 
-/// Opens the data set of a request that has a path. Throws as `resolve_below` and `open_dataset` do,
-/// and Error{kInvalidArgument} where a link in the folder leads out of the roots.
+/// Opens the data set of a request that has a path. Throws as `resolve_below` and `open_dataset`
+/// do, and Error{kInvalidArgument} where a link in the folder leads out of the roots.
 std::unique_ptr<ScanSource> open_request(const IngestRequest& request,
                                          const std::vector<std::filesystem::path>& roots);
 

@@ -138,7 +138,8 @@ std::shared_ptr<JobQueue::LiveJob> JobQueue::live(JobId id) const {
 }
 
 JobView JobQueue::view(const LiveJob& job) {
-  JobView result{.record = job.record, .session = job.request.session, .eta_s = {}, .next_scan = {}};
+  JobView result{
+      .record = job.record, .session = job.request.session, .eta_s = {}, .next_scan = {}};
   result.version = job.version;
   if (job.upload) result.next_scan = job.upload->next_scan();
   if (job.record.state != JobState::kRunning) return result;
@@ -256,15 +257,15 @@ void JobQueue::touch(LiveJob& job) {
   changed_.notify_all();
 }
 
-/// The oldest queued job whose map no other job writes to. Under the mutex.
+/// The oldest queued job whose map no other job writes to, or that only has to be ended. Under the
+/// mutex.
 std::shared_ptr<JobQueue::LiveJob> JobQueue::next_runnable() const {
   for (const auto& [id, job] : live_) {
     if (job->record.state != JobState::kQueued) continue;
     const bool busy = std::ranges::any_of(live_, [&, &map = job->record.map](const auto& other) {
-      return other.second->record.map == map &&
-             other.second->record.state == JobState::kRunning;
+      return other.second->record.map == map && other.second->record.state == JobState::kRunning;
     });
-    if (!busy) return job;
+    if (!busy || job->cancel_asked) return job;
   }
   return nullptr;
 }
@@ -320,7 +321,9 @@ void JobQueue::run(LiveJob& job) {
     finish(job, JobState::kSucceeded, "", "");
   } catch (const Error& error) {
     const bool stopped = error.code() == ErrorCode::kCancelled;
-    if (stopped && !job.cancel_asked) return finish(job, JobState::kQueued, "", "");
+    if (stopped && !job.cancel_asked && is_stopping()) {
+      return finish(job, JobState::kQueued, "", "");
+    }
     finish(job, stopped ? JobState::kCancelled : JobState::kFailed,
            std::string(to_string(error.code())), error.what());
   } catch (const std::exception& error) {

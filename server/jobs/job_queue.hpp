@@ -1,5 +1,7 @@
 #pragma once
 
+#include <spdlog/logger.h>
+
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -12,8 +14,6 @@
 #include <thread>
 #include <vector>
 
-#include <spdlog/logger.h>
-
 #include "cellmap/scan/scan_source.hpp"
 #include "cellmap/store/store.hpp"
 #include "server/api/map_state.hpp"
@@ -24,8 +24,8 @@
 namespace cellmap::server {
 
 struct JobQueueOptions {
-  int workers = 4;                    ///< jobs that run at a time; uploads mostly wait
-  std::size_t max_unfinished = 64;    ///< queued and running jobs; more are refused
+  int workers = 4;                                ///< jobs that run at a time; uploads mostly wait
+  std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused
   std::vector<std::filesystem::path> data_roots;  ///< canonical
   UploadOptions upload;
 };
@@ -50,8 +50,8 @@ class JobQueue {
   /// Stops; running jobs are queued again at the next start.
   ~JobQueue();
 
-  /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was asked the
-  /// same way, else Error{kConflict}. Error{kUnavailable} where there are too many.
+  /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was
+  /// asked the same way, else Error{kConflict}. Error{kUnavailable} where there are too many.
   JobView submit(const std::string& map, const Json& request);
   JobView job(JobId id) const;
   std::vector<JobView> jobs(const std::string& map) const;
@@ -62,14 +62,16 @@ class JobQueue {
   UploadSource::Put put_scan(JobId id, PosedScan scan);
   JobView complete(JobId id);
 
-  /// Returns when the job's version differs from `seen`, the job has ended, the queue stops, or time is up.
+  /// Returns when the job's version differs from `seen`, the job has ended, the queue stops, or
+  /// time is up.
   JobView wait(JobId id, std::uint64_t seen, std::chrono::milliseconds timeout) const;
 
   /// True while a job writes to the map.
   bool is_running(const std::string& map) const;
   bool has_unfinished(const std::string& map) const;
 
-  /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers ended.
+  /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers
+  /// ended.
   void stop();
   bool is_stopping() const;
 
@@ -78,7 +80,7 @@ class JobQueue {
   using LiveJobs = std::map<JobId, std::shared_ptr<LiveJob>>;
 
   std::shared_ptr<LiveJob> make_live(JobRecord record, IngestRequest request) const;
-  std::shared_ptr<LiveJob> live(JobId id) const;        // null where it has ended
+  std::shared_ptr<LiveJob> live(JobId id) const;  // null where it has ended
   std::shared_ptr<LiveJob> upload_of(JobId id) const;
   static JobView view(const LiveJob& job);
   static JobView view(const JobRecord& record);

@@ -50,8 +50,7 @@ std::optional<PosedScan> UploadSource::next() {
   throw_if_stopped(stop_);
   if (!woken) {
     throw Error(ErrorCode::kUnavailable,
-                "No scan came for " +
-                    std::to_string(options_.idle_timeout.count() / 1000) +
+                "No scan came for " + std::to_string(options_.idle_timeout.count() / 1000) +
                     " s; whole CELLs are kept, post the session again to go on.");
   }
   if (queue_.empty()) return std::nullopt;

@@ -13,13 +13,13 @@
 namespace cellmap::server {
 
 struct UploadOptions {
-  std::size_t max_scans = 8;            ///< scans that wait; more are refused
-  std::size_t max_points = 4'000'000;   ///< and their points, unless the queue is empty
+  std::size_t max_scans = 8;           ///< scans that wait; more are refused
+  std::size_t max_points = 4'000'000;  ///< and their points, unless the queue is empty
   std::chrono::milliseconds idle_timeout = std::chrono::minutes(10);
 };
 
-/// A drive whose scans a client sends, in order, into a bounded queue; the job reads it as any other
-/// source. One job reads; any thread may put.
+/// A drive whose scans a client sends, in order, into a bounded queue; the job reads it as any
+/// other source. One job reads; any thread may put.
 class UploadSource : public ScanSource {
  public:
   UploadSource(std::uint64_t scans_total, std::uint64_t first_scan, std::stop_token stop,
@@ -34,7 +34,8 @@ class UploadSource : public ScanSource {
   std::uint64_t next_scan() const;
 
   std::size_t size() const override { return scans_total_; }
-  /// Blocks. Throws Error{kCancelled} when stopped and Error{kUnavailable} where no scan comes in time.
+  /// Blocks. Throws Error{kCancelled} when stopped and Error{kUnavailable} where no scan comes in
+  /// time.
   std::optional<PosedScan> next() override;
   /// Scans from `index` on that wait already are kept.
   void seek(std::size_t index) override;
