@@ -156,7 +156,8 @@ void ObjectReader::finish() const {
     if (known_.contains(key)) continue;
     std::string expected;
     for (const auto& name : known_) expected += (expected.empty() ? "" : ", ") + name;
-    invalid("Unknown member " + in_quotes(key) + " in " + name_ + "; it can have: " + expected + ".");
+    invalid("Unknown member " + in_quotes(key) + " in " + name_ + "; it can have: " + expected +
+            ".");
   }
 }
 

@@ -86,4 +86,12 @@ Response problem_with_status(int status, ErrorCode code, const std::string& deta
   return document(status, std::string(to_string(code)), row_of(code).title, detail);
 }
 
+void set_instance(Response& response, std::string_view path) {
+  auto* body = std::get_if<std::string>(&response.body);
+  if (!body || response.headers.get("Content-Type") != "application/problem+json") return;
+  Json json = Json::parse(*body);
+  json["instance"] = std::string(path);
+  *body = dump(json);
+}
+
 }  // namespace cellmap::server

@@ -115,8 +115,9 @@ std::string Call::content(std::size_t max_size) const {
   const auto coding = header("Content-Encoding").value_or("identity");
   if (equal_no_case(coding, "identity")) return request_.body;
   if (!equal_no_case(coding, "zstd")) {
-    throw Error(ErrorCode::kUnsupported,
-                "Bodies are read with Content-Encoding zstd or none, not " + in_quotes(coding) + ".");
+    throw Error(
+        ErrorCode::kUnsupported,
+        "Bodies are read with Content-Encoding zstd or none, not " + in_quotes(coding) + ".");
   }
   const Bytes bytes = zstd_decompress(as_bytes(request_.body), max_size);
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
