@@ -17,13 +17,29 @@
 
 namespace cellmap {
 
+/// How far an odometry may be off between neighbouring CELLs, as standard deviations.
+struct OdometryModel {
+  double sigma_m_per_m = 0.02;    ///< translation, of the distance between the two
+  double sigma_deg_per_m = 0.02;  ///< rotation, of the same distance
+  double least_sigma_m = 0.02;    ///< however near they are
+  double least_sigma_deg = 0.1;
+
+  void validate() const;
+};
+
 struct MapperOptions {
   double cell_distance_m = 6.0;  ///< a new CELL begins strictly beyond this from the last base pose
   ScanFilterOptions filter;
   CellBuildOptions build;
-  bool bidirectional = true;     ///< off: neighbours are tied by odometry alone
+  bool bidirectional = true;         ///< off: neighbours are tied by odometry alone
   RegistrationOptions registration;  ///< of neighbouring CELLs
-  AcceptanceOptions acceptance;      ///< of neighbouring CELLs; refused: the odometry constraint stays
+  AcceptanceOptions acceptance;  ///< of neighbouring CELLs; refused: the odometry constraint stays
+  /// A registration of neighbours that moves them farther than this from their odometry is refused.
+  double max_correction_m = 1.0;
+  double max_correction_deg = 5.0;
+  /// Points of each base scan that register neighbours; more cost time and gain nothing measurable.
+  std::size_t registration_points = 40'000;
+  OdometryModel odometry;
   bool loop_closures = true;
   LoopOptions loops;
   PoseGraphOptions pose_graph;
@@ -41,9 +57,9 @@ struct CellUpdate {
   std::uint64_t raw_points = 0;         ///< points of its scans before filtering
 };
 
-/// The online pipeline: scans with odometry in, CELLs with constraints and poses out.
-/// Reads as the paper's abstract. One owner; holds the pose graph, the current local map and the
-/// previous base scan, never the scans of the past.
+/// The online pipeline (paper, Sec. III-A): scans with odometry in, CELLs with constraints and
+/// poses out. Reads as the paper's abstract. One owner; holds the pose graph, the current local map
+/// and the previous base scan, never the scans of the past.
 class Mapper {
  public:
   /// `graph` is the map as it stands (empty for a new one). `targets` hands out earlier CELLs.

@@ -17,11 +17,11 @@ struct CellScans {
   std::vector<ScanInCell> scans;
 };
 
-/// The pose of every scan after the back end: each scan keeps its pose relative to its CELL, and what
-/// the back end changed between a CELL and the next of the session is spread over the scans between
-/// them by distance travelled, so that the trajectory has no steps.
-/// `stretches` in order of the drive; `poses` holds T_map_cell of each.
-/// Throws Error{kInvalidArgument} where a pose is missing.
+/// The pose of every scan after the back end: each scan keeps its pose relative to its CELL, and
+/// what the back end changed between a CELL and the next of the session is spread over the scans
+/// between them by distance travelled, so that the trajectory has no steps. `stretches` in order of
+/// the drive; `poses` holds T_map_cell of each. Throws Error{kInvalidArgument} where a pose is
+/// missing.
 Trajectory corrected_trajectory(std::span<const CellScans> stretches,
                                 const std::map<CellId, Pose>& poses);
 

@@ -1,11 +1,13 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <vector>
 
 #include "cellmap/core/id.hpp"
+#include "cellmap/place/pose_search.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/registration/registration.hpp"
 
@@ -19,40 +21,63 @@ struct LoopCandidate {
   CellId cell;
   Pose T_candidate_query = Pose::Identity();  ///< from the current poses
   double distance_m = 0;
+  /// Metres along the graph between the two, which is what drift grows with; infinite where nothing
+  /// ties them. 0: the guess is certain.
+  double path_m = 0;
 };
 
 /// A verified loop: the measurement that becomes a constraint.
 struct LoopClosure {
-  CellId from;  ///< the older CELL
-  CellId to;    ///< the CELL that closed the loop
+  CellId from;                ///< the older CELL
+  CellId to;                  ///< the CELL that closed the loop
   RegistrationResult result;  ///< T_from_to
 };
 
 struct LoopOptions {
-  std::size_t candidates = 10;      ///< the paper's n_loop: nearest CELLs that are looked at
-  std::size_t exclude_latest = 10;  ///< the latest CELLs of the same session are no loops
-  double max_distance_m = 30.0;     ///< farther CELLs are no candidates
+  std::size_t candidates = 10;  ///< the paper's n_loop: nearest CELLs that are looked at
+  /// CELLs at most this many neighbours away in the session are no loops (the paper's latest
+  /// n_loop).
+  std::size_t exclude_latest = 10;
+  double max_distance_m = 30.0;  ///< farther CELLs are no candidates
+  /// How far the guess may be off: these many metres and degrees a metre of path between the two
+  /// CELLs, beside 2 m and 5 deg. A closure that would need more is refused.
+  double drift_m_per_m = 0.05;
+  double drift_deg_per_m = 0.02;
+  /// Best alignments of the two places' images that are tried beside the guess where the guess may
+  /// be off by more than a registration's reach (1 m, 5 deg); about 4 ms each.
+  std::size_t seeds = 8;
+  /// The candidate's points registered to the query's CELL must find the same pose within these.
+  double max_reverse_difference_m = 0.5;
+  double max_reverse_difference_deg = 2.0;
+  std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
+  std::size_t refine_points = 30'000;
   AcceptanceOptions acceptance;
   RegistrationOptions registration;
-  // The owner of this room adds the yaw and translation seeds.
 
   void validate() const;
 };
 
 /// The nearest CELLs by current position (paper, Sec. III-D), nearest first.
+/// Throws Error{kNotFound} where the graph has no such CELL.
 std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId query,
                                                 const LoopOptions& options);
 
-/// Registers the query's base scan to the candidate from the guess and, where that is uncertain, from
-/// yaw and translation seeds around it; checks the answer in the reverse direction with the
+/// Registers the query's base scan to the candidate from the guess and, where that is uncertain,
+/// from yaw and translation seeds around it; checks the answer in the reverse direction with the
 /// candidate's reconstructed points. Nullopt where no seed passes.
-std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate, const RegistrationTarget& query,
+std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
+                                       const RegistrationTarget& query,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options);
 
-/// All candidates of a CELL, each tried; every closure that passes. `query_scan` is the base scan, or
-/// the CELL's reconstructed points where no scan was kept.
-std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query, const PointCloud& query_scan,
-                                      const TargetProvider& targets, const LoopOptions& options);
+/// All candidates of a CELL, each tried; every closure that passes. `query_scan` is the base scan,
+/// or the CELL's reconstructed points where no scan was kept. Deterministic.
+std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
+                                      const PointCloud& query_scan, const TargetProvider& targets,
+                                      const LoopOptions& options);
+
+/// The constraint of a closure; its information is held down by what registration does not know of
+/// its own errors (`realistic_information`).
+Constraint to_constraint(const LoopClosure& closure, ConstraintOrigin origin);
 
 }  // namespace cellmap

@@ -15,18 +15,22 @@ namespace cellmap {
 /// What is known of the answer beforehand.
 struct PosePrior {
   Pose T_map_scan = Pose::Identity();
-  double radius_m = 10.0;      ///< the true position is within this of the prior
-  double yaw_range_rad = 0.35; ///< and the true yaw within this
+  double radius_m = 10.0;       ///< the true position is within this of the prior
+  double yaw_range_rad = 0.35;  ///< and the true yaw within this
 };
 
 struct RelocaliseOptions {
-  std::size_t candidates = 10;  ///< places that go on to registration
-  std::size_t alternatives = 3; ///< rejected or second-best answers reported
+  std::size_t candidates = 10;        ///< places that go on to registration
+  std::size_t starts = 6;             ///< alignments of the images tried at each; about 4 ms each
+  std::size_t alternatives = 3;       ///< rejected or second-best answers reported
+  std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
+  std::size_t refine_points = 30'000;
   AcceptanceOptions acceptance;
   RegistrationOptions registration;
-  int threads = 1;
+  int threads = 1;  ///< 0: all. The answer does not depend on it.
 
   void validate() const;
+  PoseSearchOptions search() const;
 };
 
 /// One place tried.
@@ -60,10 +64,16 @@ class PlaceIndex {
   void remove(CellId id);
   std::size_t size() const;
 
-  /// `scan` in its sensor frame, `graph` gives the current poses of the CELLs in the index, `targets`
-  /// loads the few that are registered to.
+  /// Likeness of polar images from nine re-centred copies of the scan orders the places (FINDINGS
+  /// section 6), registration on few points orders them anew, and the best are registered with many
+  /// and accepted only where the scores agree. With a prior, only CELLs near it are tried, from a
+  /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
+  /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
+  /// gives the current poses of the CELLs in the index, `targets` loads the few that are registered
+  /// to.
   RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
-                                  const TargetProvider& targets, const std::optional<PosePrior>& prior,
+                                  const TargetProvider& targets,
+                                  const std::optional<PosePrior>& prior,
                                   const RelocaliseOptions& options) const;
 
  private:

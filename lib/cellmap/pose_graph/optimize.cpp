@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <thread>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
@@ -175,7 +176,9 @@ class Problem {
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
     solver.max_num_iterations = options_.max_iterations;
-    solver.num_threads = options_.threads;
+    solver.num_threads = options_.threads > 0
+                             ? options_.threads
+                             : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
     solver.function_tolerance = 1e-9;
     solver.parameter_tolerance = 1e-10;
     solver.logging_type = ceres::SILENT;
@@ -240,9 +243,9 @@ void PoseGraphOptions::validate() const {
   if (!(loop_loss_scale >= 0) || !std::isfinite(loop_loss_scale)) {
     throw Error(ErrorCode::kInvalidArgument, "pose graph: loop_loss_scale must be 0 or greater");
   }
-  if (threads < 1 || threads > 256) {
+  if (threads < 0 || threads > 1024) {
     throw Error(ErrorCode::kInvalidArgument,
-                "pose graph: threads must be 1 to 256, found " + std::to_string(threads));
+                "pose graph: threads must be 0 (all) to 1024, found " + std::to_string(threads));
   }
 }
 

@@ -13,17 +13,17 @@
 namespace cellmap {
 
 enum class ConstraintKind : std::uint8_t {
-  kOdometry = 1,      ///< neighbours in one session, as the odometry gave it (registration failed)
-  kBidirectional = 2, ///< neighbours in one session, refined by bidirectional registration
-  kLoop = 3,          ///< a verified loop closure
+  kOdometry = 1,       ///< neighbours in one session, as the odometry gave it (registration failed)
+  kBidirectional = 2,  ///< neighbours in one session, refined by bidirectional registration
+  kLoop = 3,           ///< a verified loop closure
 };
 std::string_view to_string(ConstraintKind kind);  ///< "odometry", "bidirectional", "loop"
 
 /// Who measured a constraint.
 enum class ConstraintOrigin : std::uint8_t {
-  kMapper = 1,  ///< found while mapping
+  kMapper = 1,     ///< found while mapping
   kDetection = 2,  ///< asked for over the API
-  kUser = 3,    ///< measured elsewhere and posted
+  kUser = 3,       ///< measured elsewhere and posted
 };
 std::string_view to_string(ConstraintOrigin origin);  ///< "mapper", "detection", "user"
 
@@ -39,8 +39,8 @@ struct Constraint {
   RegistrationScores scores;  ///< zero where nothing was registered
 };
 
-/// Throws Error{kInvalidArgument}: from == to, a pose that is not rigid, an information matrix that is
-/// not finite, symmetric and positive semi-definite with a positive trace.
+/// Throws Error{kInvalidArgument}: from == to, a pose that is not rigid, an information matrix that
+/// is not finite, symmetric and positive semi-definite with a positive trace.
 void validate(const Constraint& constraint);
 
 /// Current poses of the CELLs of a map and what is known between them. A value.
@@ -54,7 +54,7 @@ struct PoseGraphOptions {
   int max_iterations = 50;
   /// Scale of the Cauchy loss on loop constraints, in sigmas of the whitened residual; 0: none.
   double loop_loss_scale = 1.0;
-  int threads = 1;
+  int threads = 1;  ///< 0: all. The poses do not depend on it.
 
   void validate() const;
 };
@@ -64,13 +64,13 @@ struct PoseGraphSummary {
   int iterations = 0;
   double initial_cost = 0;  ///< half the sum of squared whitened residuals, after the loss
   double final_cost = 0;
-  std::size_t moved = 0;    ///< nodes whose pose changed by more than 0.1 mm or 1e-6 rad
+  std::size_t moved = 0;  ///< nodes whose pose changed by more than 0.1 mm or 1e-6 rad
 };
 
-/// Moves the nodes to the maximum-likelihood poses (Ceres, Levenberg-Marquardt on SE(3)); constraints
-/// stay as they are. Residual of a constraint: log(T_from_to^-1 * T_from^-1 * T_to), whitened.
-/// Gauge: in every connected component the node with the lowest id keeps its pose exactly.
-/// Throws Error{kInvalidArgument} where a constraint names a node that is not there.
+/// Moves the nodes to the maximum-likelihood poses (Ceres, Levenberg-Marquardt on SE(3));
+/// constraints stay as they are. Residual of a constraint: log(T_from_to^-1 * T_from^-1 * T_to),
+/// whitened. Gauge: in every connected component the node with the lowest id keeps its pose
+/// exactly. Throws Error{kInvalidArgument} where a constraint names a node that is not there.
 PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options = {});
 
 /// g2o text: VERTEX_SE3:QUAT and EDGE_SE3:QUAT (information reordered to g2o's right perturbation).

@@ -28,12 +28,23 @@ std::string select_job(const char* condition) {
          condition;
 }
 
+/// A column that holds an enumeration.
+std::uint8_t integer_between(const Query& row, int column, std::int64_t least, std::int64_t most) {
+  const std::int64_t value = row.integer(column);
+  if (value < least || value > most) {
+    throw Error(ErrorCode::kCorruptData,
+                "store: a kind or origin is unknown; use a newer program or restore a backup");
+  }
+  return static_cast<std::uint8_t>(value);
+}
+
 MapRow map_from_row(const Query& row) {
   MapRow map;
   map.key = row.integer(0);
   map.info.name = row.text(1);
-  map.info.lattice.kind = static_cast<LatticeKind>(row.unsigned32(2));
+  map.info.lattice.kind = static_cast<LatticeKind>(integer_between(row, 2, 0, 255));
   map.info.lattice.size = row.unsigned32(3);
+  map.info.lattice.validate();
   map.info.created = row.integer(4);
   map.info.revision = row.unsigned64(5);
   map.next_constraint = row.unsigned32(6);
@@ -65,8 +76,8 @@ Constraint constraint_from_row(const Query& row) {
   constraint.id.value = row.unsigned32(0);
   constraint.from.value = row.unsigned32(1);
   constraint.to.value = row.unsigned32(2);
-  constraint.kind = static_cast<ConstraintKind>(row.unsigned32(3));
-  constraint.origin = static_cast<ConstraintOrigin>(row.unsigned32(4));
+  constraint.kind = static_cast<ConstraintKind>(integer_between(row, 3, 1, 3));
+  constraint.origin = static_cast<ConstraintOrigin>(integer_between(row, 4, 1, 3));
   constraint.T_from_to = pose_from_bytes(row.bytes(5));
   constraint.information = information_from_bytes(row.bytes(6));
   constraint.scores = scores_from_bytes(row.bytes(7));

@@ -178,6 +178,14 @@ void require_our_schema(SqliteConnection& connection) {
   }
 }
 
+void require_current_schema(SqliteConnection& connection) {
+  require_our_schema(connection);
+  if (connection.integer("PRAGMA user_version") < sqlite_schema_version()) {
+    throw Error(ErrorCode::kUnsupported,
+                "store: its schema is older than this program or empty; open it once for writing");
+  }
+}
+
 void migrate_schema(SqliteConnection& connection) {
   require_our_schema(connection);
   const auto version = static_cast<std::size_t>(connection.integer("PRAGMA user_version"));

@@ -22,6 +22,9 @@ std::int64_t grid_key(double coordinate_m);
 /// schema. An empty database passes.
 void require_our_schema(SqliteConnection& connection);
 
+/// The same, and Error{kUnsupported} for an older schema: for those who must not migrate it.
+void require_current_schema(SqliteConnection& connection);
+
 /// Brings the schema to this build's version, each step in its own transaction. Throws as above.
 void migrate_schema(SqliteConnection& connection);
 

@@ -26,8 +26,9 @@ Stamp now() {
 }
 
 std::unique_ptr<SqliteConnection> open_connection(const std::filesystem::path& file,
-                                                  SqliteAccess access, int busy_timeout_ms) {
-  auto connection = std::make_unique<SqliteConnection>(file, access, busy_timeout_ms);
+                                                  SqliteAccess access,
+                                                  const SqliteStoreOptions& options) {
+  auto connection = std::make_unique<SqliteConnection>(file, access, options.busy_timeout_ms);
   connection->execute("PRAGMA mmap_size = 0");  // cold reads through it are ten times slower
   connection->execute("PRAGMA trusted_schema = OFF");
   connection->execute("PRAGMA cell_size_check = ON");
@@ -35,15 +36,15 @@ std::unique_ptr<SqliteConnection> open_connection(const std::filesystem::path& f
 }
 
 std::unique_ptr<SqliteConnection> open_writer(const std::filesystem::path& file,
-                                              int busy_timeout_ms) {
-  auto connection = open_connection(file, SqliteAccess::kReadWrite, busy_timeout_ms);
+                                              const SqliteStoreOptions& options) {
+  auto connection = open_connection(file, SqliteAccess::kReadWrite, options);
   require_our_schema(*connection);  // before anything is written to what may be another's file
   connection->execute("PRAGMA page_size = 16384");
   if (connection->text("PRAGMA journal_mode = WAL") != "wal") {
     throw Error(ErrorCode::kUnsupported,
                 "store " + file.string() +
-                    ": the file system does not support a write-ahead log; "
-                    "keep the store on a local disk");
+                    ": the file system does not support a write-ahead log; keep the store on a "
+                    "local disk");
   }
   connection->execute("PRAGMA synchronous = FULL");
   connection->execute("PRAGMA foreign_keys = ON");
@@ -52,34 +53,42 @@ std::unique_ptr<SqliteConnection> open_writer(const std::filesystem::path& file,
   return connection;
 }
 
+/// What a process needs to change a store.
+struct SqliteWriter {
+  SqliteWriter(const std::filesystem::path& file, const SqliteStoreOptions& options)
+      : lock(file), connection(open_writer(file, options)) {}
+
+  WriterLock lock;
+  std::unique_ptr<SqliteConnection> connection;
+};
+
 class SqliteStore final : public Store {
  public:
   SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
       : file_(file),
-        lock_(file),
-        writer_(open_writer(file, options.busy_timeout_ms)),
+        writer_(options.read_only ? nullptr : std::make_unique<SqliteWriter>(file, options)),
         readers_(
-            [file, options] {
-              return open_connection(file, SqliteAccess::kReadWrite, options.busy_timeout_ms);
-            },
+            [file, options] { return open_connection(file, SqliteAccess::kReadOnly, options); },
             options.max_readers),
         cache_(options.cache_bytes),
         commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait,
-                 kGroupCommitBatch) {}
+                 kGroupCommitBatch) {
+    if (options.read_only) readers_.read(require_current_schema);
+  }
 
   MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
     validate_map_name(name);
     lattice.validate();
     MapInfo created;
-    commits_.run([&] {
-      insert_map(*writer_, name, lattice, now());
-      created = read_map(*writer_, name);
+    write([&](SqliteConnection& c) {
+      insert_map(c, name, lattice, now());
+      created = read_map(c, name);
     });
     return created;
   }
 
   void delete_map(const std::string& name) override {
-    commits_.run([&] { remove_map(*writer_, name); });
+    write([&](SqliteConnection& c) { remove_map(c, name); });
   }
 
   std::vector<MapInfo> maps() const override {
@@ -96,7 +105,7 @@ class SqliteStore final : public Store {
     frames.reserve(update.cells.size());
     for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
     CommitResult result;
-    commits_.run([&] { result = apply_update(*writer_, map, update, frames); });
+    write([&](SqliteConnection& c) { result = apply_update(c, map, update, frames); });
     return result;
   }
 
@@ -154,7 +163,7 @@ class SqliteStore final : public Store {
   JobRecord create_job(JobRecord job) override {
     validate(job);
     job.created = job.updated = now();
-    commits_.run([&] { job.id = insert_job(*writer_, job); });
+    write([&](SqliteConnection& c) { job.id = insert_job(c, job); });
     return job;
   }
 
@@ -162,7 +171,7 @@ class SqliteStore final : public Store {
     validate(job);
     JobRecord stamped = job;
     stamped.updated = now();
-    commits_.run([&] { replace_job(*writer_, stamped); });
+    write([&](SqliteConnection& c) { replace_job(c, stamped); });
   }
 
   JobRecord job(JobId id) const override {
@@ -175,7 +184,7 @@ class SqliteStore final : public Store {
 
   void check_ready() const override {
     readers_.read([](SqliteConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
-    commits_.run([] {});
+    if (writer_) write([](SqliteConnection&) {});
     std::error_code error;
     const auto space = std::filesystem::space(file_, error);
     if (error || space.available < kMinFreeBytes) {
@@ -192,11 +201,20 @@ class SqliteStore final : public Store {
     return *std::move(cell);
   }
 
+  /// Returns when what `change(connection)` did is durable.
+  template <typename Change>
+  void write(const Change& change) const {
+    if (!writer_) {
+      throw Error(ErrorCode::kUnsupported,
+                  "store " + file_.string() + " was opened read-only; open it for writing");
+    }
+    commits_.run([&] { change(*writer_->connection); });
+  }
+
   void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
 
   const std::filesystem::path file_;
-  const WriterLock lock_;
-  const std::unique_ptr<SqliteConnection> writer_;  ///< used by the head of `commits_` only
+  const std::unique_ptr<SqliteWriter> writer_;  ///< of the head of `commits_`; null where read-only
   mutable SqlitePool readers_;
   mutable BlobCache cache_;
   mutable GroupCommit commits_;
@@ -204,27 +222,28 @@ class SqliteStore final : public Store {
 
 /// One transaction for all, one savepoint for each: a write that fails takes back only its own.
 void SqliteStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
+  SqliteConnection& connection = *writer_->connection;
   try {
-    writer_->execute("BEGIN IMMEDIATE");
+    connection.execute("BEGIN IMMEDIATE");
     for (GroupCommit::Write* const write : batch) {
-      writer_->execute("SAVEPOINT write");
+      connection.execute("SAVEPOINT write");
       try {
         write->work();
       } catch (...) {
         write->failure = std::current_exception();
         // After a full disk, for example, SQLite has rolled back everything itself.
-        if (!writer_->in_transaction()) throw;
-        writer_->execute("ROLLBACK TO write");
+        if (!connection.in_transaction()) throw;
+        connection.execute("ROLLBACK TO write");
       }
-      writer_->execute("RELEASE write");
+      connection.execute("RELEASE write");
     }
-    writer_->execute("COMMIT");
+    connection.execute("COMMIT");
   } catch (...) {
     for (GroupCommit::Write* const write : batch) {
       if (!write->failure) write->failure = std::current_exception();
     }
     try {
-      if (writer_->in_transaction()) writer_->execute("ROLLBACK");
+      if (connection.in_transaction()) connection.execute("ROLLBACK");
     } catch (...) {
       // The next BEGIN fails then and says so to its callers.
     }
@@ -233,11 +252,27 @@ void SqliteStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcep
 
 }  // namespace
 
+void SqliteStoreOptions::validate() const {
+  if (max_readers < 1 || busy_timeout_ms < 0) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "store options: expected at least one reader and a timeout of at least 0 ms");
+  }
+}
+
 std::unique_ptr<Store> open_sqlite_store(const std::filesystem::path& file,
                                          const SqliteStoreOptions& options) {
-  require_local_file_system(file);
-  require_sqlite_or_empty(file);
-  return std::make_unique<SqliteStore>(file, options);
+  options.validate();
+  if (!file.has_filename()) {
+    throw Error(ErrorCode::kInvalidArgument, "store: expected the name of a file");
+  }
+  // One name for one file, whichever way leads to it, because the lock goes by the name.
+  const std::filesystem::path path = std::filesystem::weakly_canonical(file);
+  if (options.read_only && !std::filesystem::exists(path)) {
+    throw Error(ErrorCode::kNotFound, "store " + path.string() + " does not exist");
+  }
+  require_local_file_system(path);
+  require_sqlite_or_empty(path);
+  return std::make_unique<SqliteStore>(path, options);
 }
 
 }  // namespace cellmap

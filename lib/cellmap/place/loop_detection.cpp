@@ -1,0 +1,231 @@
+#include "cellmap/place/loop_detection.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <queue>
+#include <string>
+
+#include "cellmap/core/error.hpp"
+#include "cellmap/place/polar_image.hpp"
+#include "cellmap/pose_graph/information.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+/// A guess is this uncertain however short the path.
+constexpr double kLeastShiftM = 2.0, kLeastTurnDeg = 5.0;
+/// What a registration reaches from one start on a wide gate.
+constexpr double kReachM = 3.0;
+
+struct Neighbour {
+  CellId cell;
+  double length_m;
+  bool in_session;  // an odometry or bidirectional constraint
+};
+using Adjacency = std::map<CellId, std::vector<Neighbour>>;
+
+Adjacency adjacency_of(const PoseGraph& graph) {
+  Adjacency adjacency;
+  for (const Constraint& c : graph.constraints) {
+    const double length = c.T_from_to.translation().norm();
+    const bool in_session = c.kind != ConstraintKind::kLoop;
+    adjacency[c.from].push_back({c.to, length, in_session});
+    adjacency[c.to].push_back({c.from, length, in_session});
+  }
+  return adjacency;
+}
+
+/// CELLs within `hops` neighbours of `query` in its session, itself included.
+std::map<CellId, std::size_t> session_neighbours(const Adjacency& adjacency, CellId query,
+                                                 std::size_t hops) {
+  std::map<CellId, std::size_t> distance{{query, 0}};
+  std::queue<CellId> open;
+  for (open.push(query); !open.empty(); open.pop()) {
+    const std::size_t next = distance.at(open.front()) + 1;
+    const auto found = adjacency.find(open.front());
+    if (next > hops || found == adjacency.end()) continue;
+    for (const Neighbour& neighbour : found->second) {
+      if (neighbour.in_session && distance.emplace(neighbour.cell, next).second) {
+        open.push(neighbour.cell);
+      }
+    }
+  }
+  return distance;
+}
+
+/// Shortest path along the constraints from `query` to everything (Dijkstra).
+std::map<CellId, double> path_lengths(const Adjacency& adjacency, CellId query) {
+  std::map<CellId, double> length;
+  using Entry = std::pair<double, CellId>;
+  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
+  open.push({0.0, query});
+  while (!open.empty()) {
+    const auto [metres, cell] = open.top();
+    open.pop();
+    if (!length.emplace(cell, metres).second) continue;
+    const auto found = adjacency.find(cell);
+    if (found == adjacency.end()) continue;
+    for (const Neighbour& n : found->second) open.push({metres + n.length_m, n.cell});
+  }
+  return length;
+}
+
+/// How far a closure may lie from its guess.
+struct Allowance {
+  double shift_m, turn_rad;
+
+  Allowance(double path_m, const LoopOptions& options)
+      : shift_m(kLeastShiftM + options.drift_m_per_m * path_m),
+        turn_rad(kRadPerDeg * (kLeastTurnDeg + options.drift_deg_per_m * path_m)) {}
+
+  bool allows(const Pose& guess, const Pose& found) const {
+    return (guess.translation() - found.translation()).norm() <= shift_m &&
+           angle_between_rad(guess, found) <= turn_rad;
+  }
+};
+
+/// The guess, turned by 5 deg either way, and the best alignments of the images that are allowed.
+std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const PointCloud& query_scan,
+                                 const LoopCandidate& guess, const LoopOptions& options) {
+  const Pose& T = guess.T_candidate_query;
+  std::vector<Pose> starts = {T};
+  if (options.drift_m_per_m * guess.path_m < 1.0) return starts;
+  for (const double turn_deg : {-5.0, 5.0}) {
+    starts.push_back(T * upright_pose(0, 0, turn_deg * kRadPerDeg));
+  }
+  Allowance allowance(guess.path_m, options);
+  allowance.shift_m += kReachM;
+  allowance.turn_rad += 6 * kRadPerDeg;
+  const PolarImage image(reconstruct_points(candidate.cell(), candidate.lattice()));
+  const RecentredImages query(query_scan);
+  for (const Alignment& alignment : query.align(image, 4 * options.seeds)) {
+    if (starts.size() >= options.seeds + 3) break;
+    Pose start = alignment.T_cell_scan;
+    start.translation().z() = 0;
+    // Drift in height is as free as any other; the images say nothing of it.
+    Pose level_guess = T;
+    level_guess.translation().z() = 0;
+    if (allowance.allows(level_guess, start)) starts.push_back(start);
+  }
+  return starts;
+}
+
+PoseSearchOptions search_options(const LoopOptions& options) {
+  PoseSearchOptions search;
+  search.search_points = options.search_points;
+  search.refine_points = options.refine_points;
+  search.registration = options.registration;
+  return search;
+}
+
+/// Whether the candidate's own points, registered to the query's CELL, find the same pose.
+bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarget& query,
+                    const Pose& T_candidate_query, const LoopOptions& options) {
+  const PointCloud points = reconstruct_points(candidate.cell(), candidate.lattice());
+  const RegistrationResult reverse =
+      register_scan(query, points, T_candidate_query.inverse(), options.registration);
+  const Pose difference = T_candidate_query * reverse.T_target_source;
+  return reverse.converged && difference.translation().norm() <= options.max_reverse_difference_m &&
+         angle_between_rad(Pose::Identity(), difference) <=
+             options.max_reverse_difference_deg * kRadPerDeg;
+}
+
+void require(bool holds, const char* rule) {
+  if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("loop options need ") + rule);
+}
+
+}  // namespace
+
+void LoopOptions::validate() const {
+  require(candidates <= 1000, "candidates <= 1000");
+  require(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");
+  require(drift_m_per_m > 0 && drift_m_per_m <= 10, "0 < drift_m_per_m <= 10");
+  require(drift_deg_per_m > 0 && drift_deg_per_m <= 180, "0 < drift_deg_per_m <= 180");
+  require(seeds <= 1000, "seeds <= 1000");
+  require(max_reverse_difference_m > 0, "max_reverse_difference_m > 0");
+  require(max_reverse_difference_deg > 0, "max_reverse_difference_deg > 0");
+  acceptance.validate();
+  search_options(*this).validate();
+}
+
+std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId query,
+                                                const LoopOptions& options) {
+  const auto own = graph.nodes.find(query);
+  if (own == graph.nodes.end()) {
+    throw Error(ErrorCode::kNotFound,
+                "CELL " + std::to_string(query.value) + " is not in the pose graph");
+  }
+  const Adjacency adjacency = adjacency_of(graph);
+  const auto excluded = session_neighbours(adjacency, query, options.exclude_latest);
+  std::vector<LoopCandidate> found;
+  for (const auto& [id, T_map_cell] : graph.nodes) {
+    const double distance = (T_map_cell.translation() - own->second.translation()).norm();
+    if (distance > options.max_distance_m || excluded.contains(id)) continue;
+    found.push_back({id, T_map_cell.inverse() * own->second, distance});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const LoopCandidate& a, const LoopCandidate& b) {
+    return a.distance_m < b.distance_m;
+  });
+  if (found.size() > options.candidates) found.resize(options.candidates);
+  if (found.empty()) return found;
+  const auto lengths = path_lengths(adjacency, query);
+  for (LoopCandidate& candidate : found) {
+    const auto length = lengths.find(candidate.cell);
+    candidate.path_m =
+        length == lengths.end() ? std::numeric_limits<double>::infinity() : length->second;
+  }
+  return found;
+}
+
+std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
+                                       const RegistrationTarget& query,
+                                       const PointCloud& query_scan, const LoopCandidate& guess,
+                                       CellId query_id, const LoopOptions& options) {
+  const PoseSearchOptions search = search_options(options);
+  const Allowance allowance(guess.path_m, options);
+  const std::vector<Pose> starts = starting_poses(candidate, query_scan, guess, options);
+  const auto found = search_poses(candidate, query_scan, starts, search);
+  constexpr std::size_t kRefined = 2;
+  for (std::size_t i = 0; i < std::min(kRefined, found.size()); ++i) {
+    const RegistrationResult result =
+        refine_pose(candidate, query_scan, found[i].T_target_source, search);
+    if (is_acceptable(result, options.acceptance) &&
+        allowance.allows(guess.T_candidate_query, result.T_target_source) &&
+        reverse_agrees(candidate, query, result.T_target_source, options)) {
+      return LoopClosure{guess.cell, query_id, result};
+    }
+  }
+  return std::nullopt;
+}
+
+std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
+                                      const PointCloud& query_scan, const TargetProvider& targets,
+                                      const LoopOptions& options) {
+  std::vector<LoopClosure> closures;
+  const std::vector<LoopCandidate> candidates = find_loop_candidates(graph, query, options);
+  if (candidates.empty()) return closures;
+  const auto own = targets(query);
+  for (const LoopCandidate& candidate : candidates) {
+    auto closure =
+        verify_loop(*targets(candidate.cell), *own, query_scan, candidate, query, options);
+    if (closure) closures.push_back(std::move(*closure));
+  }
+  return closures;
+}
+
+Constraint to_constraint(const LoopClosure& closure, ConstraintOrigin origin) {
+  Constraint constraint;
+  constraint.from = closure.from;
+  constraint.to = closure.to;
+  constraint.T_from_to = closure.result.T_target_source;
+  constraint.information = realistic_information(closure.result.information, constraint.T_from_to);
+  constraint.kind = ConstraintKind::kLoop;
+  constraint.origin = origin;
+  constraint.scores = closure.result.scores;
+  return constraint;
+}
+
+}  // namespace cellmap

@@ -1,0 +1,344 @@
+#!/usr/bin/env python3
+"""Writes the conformance files of format version 1 without any code of the library.
+
+Each file exists twice. NAME.cell comes from its JSON twin through `flatc --binary`: a layout that the library
+would not choose. NAME.canonical.cell has the layout of schema/FORMAT.md, "How the library lays out a CELL",
+made by the small FlatBuffers builder below. Files that are in the repository are read for ever: this script may
+add files, and must reproduce the old ones to the byte.
+
+Usage: generate.py            needs flatc; writes into v1/ beside this file
+       generate.py --check    writes nothing, exits 1 where a file would change
+"""
+import hashlib
+import json
+import math
+import struct
+import subprocess
+import sys
+import tempfile
+from decimal import Decimal, getcontext
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+SCHEMA = HERE.parent.parent / "schema"
+VERSION = 1
+
+
+# --- The Fibonacci lattice, from FORMAT.md, "Lattices" -------------------------------------------------
+
+def lattice_direction(i, size):
+    """The exact evaluation: Python's floats are binary64 and round after each operation."""
+    f = i * 0x9E3779B97F4A7C15 % 2**64
+    a, b = 2 * i + 1, 2 * size - 2 * i - 1
+    z = (size - a) / size
+    r = math.sqrt(float(a * b)) / size
+    q = ((f + 2**61) % 2**64) >> 62
+    rest = (f - q * 2**62) % 2**64
+    x = float(rest - 2**64 if rest >= 2**63 else rest) * (2 * math.pi * 2.0**-64)
+    x2 = x * x
+    s = c = 1.0
+    for n in range(16, 0, -2):
+        s = 1.0 - (x2 / (n * (n + 1))) * s
+        c = 1.0 - (x2 / (n * (n - 1))) * c
+    s *= x
+    cos, sin = [(c, s), (-s, c), (-c, -s), (s, -c)][q]
+    return r * cos, r * sin, z
+
+
+def check_lattice(i, size, direction):
+    """The same from the definition with the golden ratio, in 60 digits up to the last sine."""
+    getcontext().prec = 60
+    turn = Decimal(i) / ((1 + Decimal(5).sqrt()) / 2) % 1
+    azimuth = 2 * math.pi * float(turn)
+    z = float(Decimal(size - 2 * i - 1) / size)
+    r = float((1 - (Decimal(size - 2 * i - 1) / size) ** 2).sqrt())
+    expected = (r * math.cos(azimuth), r * math.sin(azimuth), z)
+    assert max(abs(u - v) for u, v in zip(direction, expected)) < 1e-12, (i, size, direction, expected)
+
+
+# --- A FlatBuffers builder, back to front --------------------------------------------------------------
+
+SIZES = {"B": 1, "H": 2, "I": 4, "f": 4, "q": 8, "Q": 8, "d": 8}
+
+
+class Builder:
+    """Offsets are counted from the end of the buffer, which grows towards its beginning."""
+
+    def __init__(self):
+        self.data, self.min_align, self.vtables = b"", 1, []
+
+    def align(self, alignment, upcoming):
+        if upcoming == 0:  # an empty vector asks for no alignment of its elements
+            return
+        self.min_align = max(self.min_align, alignment)
+        self.data = bytes(-(len(self.data) + upcoming) % alignment) + self.data
+
+    def push(self, packed, alignment):
+        self.align(alignment, len(packed))
+        self.data = packed + self.data
+        return len(self.data)
+
+    def number(self, kind, value):
+        return self.push(struct.pack("<" + kind, value), SIZES[kind])
+
+    def reference(self, target):
+        self.align(4, 4)
+        return self.number("I", len(self.data) + 4 - target)
+
+    def vector(self, packed, count, alignment):
+        self.align(4, len(packed))
+        self.align(alignment, len(packed))
+        self.data = packed + self.data
+        return self.number("I", count)
+
+    def string(self, text):
+        packed = text.encode() + b"\0"
+        self.align(4, len(packed))
+        self.data = packed + self.data
+        return self.number("I", len(packed) - 1)
+
+    def offsets(self, targets):
+        self.align(4, 4 * len(targets))
+        for target in reversed(targets):
+            self.reference(target)
+        return self.number("I", len(targets))
+
+    def table(self, fields):
+        """fields: id -> ("ref", offset) | ("struct", packed bytes) | (number kind, value)"""
+        def order(item):
+            ident, (kind, _) = item
+            return (-SIZES.get(kind, 4), -ident)
+
+        start, places = len(self.data), {}
+        for ident, (kind, value) in sorted(fields.items(), key=order):
+            if kind == "ref":
+                places[ident] = self.reference(value)
+            elif kind == "struct":
+                places[ident] = self.push(value, 8)
+            elif value != 0:
+                places[ident] = self.number(kind, value)
+        table = self.number("I", 0)
+        count = max(places, default=-1) + 1
+        entries = [table - places[i] if i in places else 0 for i in range(count)]
+        vtable = struct.pack(f"<{2 + count}H", 4 + 2 * count, table - start, *entries)
+        known = [at for packed, at in self.vtables if packed == vtable]
+        if known:
+            at = known[0]
+        else:
+            self.data = vtable + self.data
+            at = len(self.data)
+            self.vtables.append((vtable, at))
+        position = len(self.data) - table
+        distance = struct.pack("<i", at - table)
+        self.data = self.data[:position] + distance + self.data[position + 4:]
+        return table
+
+    def finish(self, root, identifier):
+        self.align(self.min_align, 8)
+        self.data = identifier + self.data
+        self.reference(root)
+        return self.data
+
+
+# --- The three kinds of file in the library's layout ----------------------------------------------------
+
+POSE = ["r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz"]
+INFORMATION = [f"m{i}{j}" for i in range(6) for j in range(i, 6)]
+SCORES = ["inlier_ratio_all", "inlier_ratio_hit", "share_in_front", "share_beyond", "median_residual_m"]
+
+
+def doubles(values, names):
+    return struct.pack(f"<{len(names)}d", *[values[name] for name in names])
+
+
+def floats(values):
+    return struct.pack(f"<{len(values)}f", *[float(v) for v in values])
+
+
+def canonical_cell(t):
+    b, n = Builder(), len(t["indices"])
+    packed = b"".join(floats([p["distance"], p["nx"], p["ny"], p["nz"]]) for p in t["planes"])
+    planes = b.vector(packed, n, 16)
+    indices = b.vector(struct.pack(f"<{n}I", *t["indices"]), n, 4)
+    session = b.string(t["session"])
+    lattice = b.table({0: ("B", 1), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
+    s = t.get("statistics", {})
+    names = ["points", "points_in_planes", "patches_hit", "rejected_few_points", "rejected_gap",
+             "rejected_planarity", "rejected_grazing"]
+    statistics = b.table({i: ("Q" if i < 2 else "I", s.get(name, 0)) for i, name in enumerate(names)})
+    root = b.table({
+        0: ("H", VERSION), 1: ("struct", bytes(32)), 2: ("ref", lattice), 3: ("ref", indices), 4: ("ref", planes),
+        5: ("ref", session), 6: ("I", t.get("sequence", 0)), 7: ("struct", doubles(t["t_odom_cell"], POSE)),
+        8: ("q", t.get("first_stamp_ns", 0)), 9: ("q", t.get("last_stamp_ns", 0)),
+        10: ("I", t.get("first_scan", 0)), 11: ("I", t.get("scan_count", 0)), 12: ("ref", statistics)})
+    return seal(b.finish(root, b"CELL"))
+
+
+def canonical_pose_graph(t):
+    b = Builder()
+    packed = b"".join(struct.pack("<I4x", n["cell"]) + doubles(n["t_map_cell"], POSE) for n in t["nodes"])
+    nodes = b.vector(packed, len(t["nodes"]), 8)
+    kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
+    constraints = []
+    for c in t["constraints"]:
+        s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
+        constraints.append(b.table({
+            0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
+            4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
+            6: ("struct", doubles(c["information"], INFORMATION)),
+            7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))}))
+    all_constraints = b.offsets(constraints)
+    root = b.table({0: ("H", VERSION), 1: ("Q", t["revision"]), 2: ("ref", nodes), 3: ("ref", all_constraints)})
+    return b.finish(root, b"CPGR")
+
+
+def canonical_scan(t):
+    b = Builder()
+    x, y, z = [b.vector(floats(t[axis]), len(t[axis]), 4) for axis in "xyz"]
+    root = b.table({0: ("H", VERSION), 1: ("Q", t["index"]), 2: ("q", t["stamp_ns"]),
+                    3: ("struct", doubles(t["t_odom_sensor"], POSE)), 4: ("ref", x), 5: ("ref", y), 6: ("ref", z)})
+    return b.finish(root, b"CSCN")
+
+
+# --- The content hash ------------------------------------------------------------------------------------
+
+def hash_position(data):
+    root = struct.unpack_from("<I", data, 0)[0]
+    vtable = root - struct.unpack_from("<i", data, root)[0]
+    return root + struct.unpack_from("<H", data, vtable + 4 + 2 * 1)[0]
+
+
+def seal(data):
+    at = hash_position(data)
+    blank = data[:at] + bytes(32) + data[at + 32:]
+    return data[:at] + hashlib.sha256(blank).digest() + data[at + 32:]
+
+
+def flatc(schema, twin):
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "twin.json").write_text(json.dumps(twin))
+        subprocess.run(["flatc", "--binary", "-I", SCHEMA, "-o", folder, SCHEMA / f"{schema}.fbs",
+                        Path(folder, "twin.json")], check=True)
+        return next(p for p in Path(folder).iterdir() if p.suffix != ".json").read_bytes()
+
+
+# --- What the files say ----------------------------------------------------------------------------------
+
+def as_float32(value):
+    return struct.unpack("<f", struct.pack("<f", value))[0]
+
+
+def pose(x, y, z, yaw, roll=0.0):
+    cy, sy, cr, sr = math.cos(yaw), math.sin(yaw), math.cos(roll), math.sin(roll)
+    return dict(zip(POSE, [cy, -sy * cr, sy * sr, x, sy, cy * cr, -cy * sr, y, 0.0, sr, cr, z]))
+
+
+def facing_plane(index, size, k):
+    """A plane whose normal leans up to 40 degrees away from the line of sight."""
+    d = lattice_direction(index, size)
+    lean = [0.4 * math.cos(k), 0.4 * math.sin(2.0 * k), 0.3 * math.cos(3.0 * k)]
+    n = [-u + v for u, v in zip(d, lean)]
+    norm = math.sqrt(sum(v * v for v in n))
+    nx, ny, nz = [as_float32(v / norm) for v in n]
+    return {"distance": as_float32(3.0 + 1.7 * k), "nx": nx, "ny": ny, "nz": nz}
+
+
+def cell(size, indices, **rest):
+    return {"version": VERSION, "content_hash": {f"word{i}": 0 for i in range(4)},
+            "lattice": {"kind": "Fibonacci", "version": 1, "size": size}, "indices": indices,
+            "planes": [facing_plane(index, size, k) for k, index in enumerate(indices)], **rest}
+
+
+CELLS = {
+    "street": cell(50_000, [0, 1, 2, 999] + list(range(12_345, 40_000, 881)) + [49_998, 49_999],
+                   session="kitti-00_2011.10.03", sequence=41, t_odom_cell=pose(123.456, -78.9, 1.25, 2.5, 0.03),
+                   first_stamp_ns=1317617735123456789, last_stamp_ns=1317617736023456789, first_scan=410,
+                   scan_count=10, statistics={
+                       "points": 5_000_000_000, "points_in_planes": 4_000_000_000, "patches_hit": 61,
+                       "rejected_few_points": 9, "rejected_gap": 8, "rejected_planarity": 7, "rejected_grazing": 1}),
+    "empty": cell(1_000, [], session="e", t_odom_cell=pose(0.0, 0.0, 0.0, 0.0)),
+    "largest-lattice": cell(1_000_000, [0, 499_999, 999_999], session="A.b_C-9", sequence=4_294_967_295,
+                            t_odom_cell=pose(-1e6, 2e6, -3e3, -3.0), first_stamp_ns=-2**63, last_stamp_ns=2**63 - 1,
+                            first_scan=4_294_967_295, scan_count=1),
+}
+
+
+def information(weight):
+    """Positive definite: a heavy diagonal and small numbers beside it."""
+    return {name: weight * (10.0 + i) if name[1] == name[2] else weight * 0.125 * math.sin(i)
+            for i, name in enumerate(INFORMATION)}
+
+
+def scores(points, hits):
+    return {"points": points, "hits": hits, "inlier_ratio_all": 0.375, "inlier_ratio_hit": 0.9321,
+            "share_in_front": 0.004, "share_beyond": 0.0625, "median_residual_m": 0.0451}
+
+
+GRAPHS = {
+    "three-cells": {
+        "version": VERSION, "revision": 17,
+        "nodes": [{"cell": c, "t_map_cell": pose(6.1 * c, 0.5 * c, 0.01 * c, 0.1 * c)} for c in (1, 2, 4_000_000_000)],
+        "constraints": [
+            {"id": 1, "from": 1, "to": 2, "kind": "Odometry", "origin": "Mapper",
+             "t_from_to": pose(6.1, 0.5, 0.01, 0.1), "information": information(1.0)},
+            {"id": 2, "from": 2, "to": 4_000_000_000, "kind": "Bidirectional", "origin": "Detection",
+             "t_from_to": pose(5.9, -0.5, 0.0, 0.2), "information": information(250.0), "scores": scores(120_000, 99_000)},
+            {"id": 9, "from": 4_000_000_000, "to": 1, "kind": "Loop", "origin": "User",
+             "t_from_to": pose(-1.0, 2.0, 0.1, 3.1), "information": information(0.001), "scores": scores(7, 7)}]},
+    "empty-map": {"version": VERSION, "revision": 0, "nodes": [], "constraints": []},
+}
+
+SCANS = {
+    "with-nan": {"version": VERSION, "index": 5_000_000_000, "stamp_ns": -1, "t_odom_sensor": pose(1.0, 2.0, 3.0, 0.7),
+                 "x": [1.5, "nan", -0.25, 3.0], "y": [as_float32(0.1), 2.0, "-inf", 0.0],
+                 "z": [as_float32(-1.73), 0.5, 1.0, "inf"]},
+    "no-points": {"version": VERSION, "index": 0, "stamp_ns": 0, "t_odom_sensor": pose(0.0, 0.0, 0.0, 0.0),
+                  "x": [], "y": [], "z": []},
+}
+
+
+def lattice_vectors():
+    rows = []
+    for size in (1_000, 20_000, 50_000, 1_000_000):
+        for i in sorted({0, 1, 2, 12, 233, 377, size // 3, size // 2 - 1, size // 2, size - 2, size - 1}):
+            direction = lattice_direction(i, size)
+            check_lattice(i, size, direction)
+            rows.append({"kind": "fibonacci", "size": size, "index": i, "direction": list(direction)})
+    return rows
+
+
+def all_files():
+    for name, twin in CELLS.items():
+        data = seal(flatc("cell", twin))
+        words = struct.unpack_from("<4Q", data, hash_position(data))
+        twin = {**twin, "content_hash": {f"word{i}": word for i, word in enumerate(words)}}
+        assert flatc("cell", twin) == data, "the twin with its hash gives the same file"
+        yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
+        yield f"{name}.cell", data
+        yield f"{name}.canonical.cell", canonical_cell(twin)
+    for schema, suffix, twins, canonical in (("pose_graph", "cpgr", GRAPHS, canonical_pose_graph),
+                                             ("scan", "cscn", SCANS, canonical_scan)):
+        for name, twin in twins.items():
+            yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
+            yield f"{name}.{suffix}", flatc(schema, twin)
+            yield f"{name}.canonical.{suffix}", canonical(twin)
+    rows = ",\n ".join(json.dumps(row) for row in lattice_vectors())
+    yield "lattice-directions.json", f"[{rows}]\n".encode()
+
+
+def main():
+    changed = []
+    for name, data in all_files():
+        path = HERE / "v1" / name
+        if "--check" in sys.argv[1:]:
+            if not path.exists() or path.read_bytes() != data:
+                changed.append(name)
+        else:
+            path.write_bytes(data)
+    if changed:
+        print("these files would change: " + ", ".join(changed))
+    return 1 if changed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
