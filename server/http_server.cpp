@@ -67,8 +67,7 @@ class Connection : public httplib::Stream {
     in_head_ = true;
     over_budget_ = false;
     body_read_ = 0;
-    status_ = 0;
-    reading_ = &never_;
+    answered_ = says_close_ = false;
   }
 
   void begin_body() {
@@ -78,8 +77,9 @@ class Connection : public httplib::Stream {
   }
 
   bool is_head_too_large() const { return over_budget_; }
-  bool is_answered() const { return status_ != 0; }
-  int status() const { return status_; }
+  bool is_answered() const { return answered_; }
+  /// True where the answer announced the end of the connection.
+  bool says_close() const { return says_close_; }
   std::size_t body_read() const { return body_read_; }
 
   /// Lets the peer read the answer before the connection is reset for what it still sends.
@@ -117,7 +117,7 @@ class Connection : public httplib::Stream {
 
   ssize_t write(const char* data, size_t size) override {
     if (over_budget_) return -1;  // the front answers that itself
-    note_status(data, size);
+    note_head(data, size);
     return send_all(data, size) ? static_cast<ssize_t>(size) : -1;
   }
 
@@ -148,7 +148,7 @@ class Connection : public httplib::Stream {
 
  private:
   bool fill() {
-    if (!wait_for(socket_, POLLIN, deadline_, *reading_)) return false;
+    if (!wait_for(socket_, POLLIN, deadline_, stop_)) return false;
     const ssize_t received = ::recv(socket_, buffer_.data(), buffer_.size(), 0);
     if (received <= 0) return false;
     begin_ = 0;
@@ -156,20 +156,19 @@ class Connection : public httplib::Stream {
     return true;
   }
 
-  /// The status of the answer, from its first line ("HTTP/1.1 404 ..."). 100 is no answer.
-  void note_status(const char* data, size_t size) {
-    constexpr std::string_view kStart = "HTTP/1.1 ";
+  /// httplib writes the head of an answer at once. 100 Continue is no answer.
+  void note_head(const char* data, size_t size) {
     const std::string_view text(data, size);
-    if (status_ != 0 || !text.starts_with(kStart)) return;
-    const int status = std::atoi(std::string(text.substr(kStart.size(), 3)).c_str());
-    if (status != 100) status_ = status;
+    if (answered_ || !text.starts_with("HTTP/1.1 ") || text.starts_with("HTTP/1.1 100")) return;
+    answered_ = true;
+    const auto head = text.substr(0, text.find("\r\n\r\n") + 2);
+    says_close_ = head.find("\r\nConnection: close\r\n") != std::string_view::npos;
   }
 
   socket_t socket_;
   const HttpServerOptions& options_;
   const std::atomic<bool>& stop_;
   const std::atomic<bool> never_ = false;
-  const std::atomic<bool>* reading_ = &never_;
   std::array<char, 16384> buffer_;
   std::size_t begin_ = 0, end_ = 0;
   std::size_t budget_ = 0;
@@ -177,7 +176,7 @@ class Connection : public httplib::Stream {
   bool in_head_ = true;
   bool over_budget_ = false;
   std::size_t body_read_ = 0;
-  int status_ = 0;
+  bool answered_ = false, says_close_ = false;
 };
 
 /// Threads that grow with the connections up to a limit; further connections wait for one.
@@ -281,6 +280,10 @@ struct HttpServer::Impl : httplib::Server {
       : api(api_in), log(std::move(log_in)), options(std::move(options_in)) {
     new_task_queue = [this] { return new ConnectionThreads(options.max_connections); };
     set_tcp_nodelay(true);
+    // Only what the Keep-Alive field says: the loop below keeps connections.
+    set_keep_alive_timeout(
+        std::chrono::duration_cast<std::chrono::seconds>(options.idle_timeout).count());
+    set_keep_alive_max_count(1'000'000);
     set_handlers();
   }
 
@@ -293,18 +296,19 @@ struct HttpServer::Impl : httplib::Server {
       return HandlerResponse::Unhandled;
     });
     // What httplib refuses by itself (a malformed head, an unknown method) gets a problem document.
-    set_error_handler([this](const httplib::Request& request, httplib::Response& response) {
-      if (response.content_provider_ || response.content_length_ > 0) {
-        return HandlerResponse::Unhandled;
-      }
-      const int status = response.status;
-      auto refused = status == 405 || status == 404
-                         ? problem(ErrorCode::kNotFound, "There is no such resource or method.")
-                         : problem_with_status(status, ErrorCode::kInvalidArgument,
-                                               "The request cannot be read.");
-      answer(request, response, std::move(refused), false);
-      return HandlerResponse::Handled;
-    });
+    set_error_handler(
+        HandlerWithResponse([this](const httplib::Request& request, httplib::Response& response) {
+          if (response.content_provider_ || response.content_length_ > 0) {
+            return HandlerResponse::Unhandled;
+          }
+          const int status = response.status;
+          auto refused = status == 405 || status == 404
+                             ? problem(ErrorCode::kNotFound, "There is no such resource or method.")
+                             : problem_with_status(status, ErrorCode::kInvalidArgument,
+                                                   "The request cannot be read.");
+          answer(request, response, std::move(refused), false);
+          return HandlerResponse::Handled;
+        }));
     set_exception_handler([this](const httplib::Request& request, httplib::Response& response,
                                  const std::exception_ptr&) {
       answer(request, response, problem(ErrorCode::kInternal, "The server failed."), false);
@@ -446,10 +450,11 @@ struct HttpServer::Impl : httplib::Server {
   /// Answers one request; false where the connection has to be closed.
   bool serve_one(Connection& connection) {
     std::size_t declared = 0;
-    bool chunked = false, reads_body = false;
+    bool head_read = false, chunked = false, reads_body = false;
     connection.begin_head();
     bool close = false;
     const bool served = process_request(connection, false, close, [&](httplib::Request& request) {
+      head_read = true;
       request.ranges.clear();  // the API's business
       declared = parse_unsigned(request.get_header_value("Content-Length")).value_or(0);
       chunked = request.has_header("Transfer-Encoding");
@@ -464,11 +469,10 @@ struct HttpServer::Impl : httplib::Server {
       connection.drain();
       return false;
     }
-    const bool unread = connection.body_read() < declared ||
-                        (chunked && (!reads_body || connection.status() >= 400));
+    const bool unread = connection.body_read() < declared || (chunked && !reads_body) ||
+                        (chunked && connection.says_close());
     if (unread && connection.is_answered()) connection.drain();
-    // A failed head leaves the stream somewhere in the middle of a request.
-    return served && !close && !unread && connection.status() != 400 && !stopping;
+    return served && head_read && !close && !unread && !connection.says_close() && !stopping;
   }
 
   Api& api;

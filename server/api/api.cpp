@@ -28,6 +28,12 @@ void check_query(const Route& route, const std::map<std::string, std::string>& q
   }
 }
 
+JobQueueOptions job_options(const ApiOptions& options) {
+  JobQueueOptions jobs = options.jobs;
+  jobs.threads = options.threads;
+  return jobs;
+}
+
 }  // namespace
 
 Services::Services(Store& store_in, std::shared_ptr<spdlog::logger> log_in, ApiOptions options_in)
@@ -35,7 +41,7 @@ Services::Services(Store& store_in, std::shared_ptr<spdlog::logger> log_in, ApiO
       log(std::move(log_in)),
       store(store_in),
       maps(store, options.maps),
-      jobs(maps, metrics, log, options.jobs),
+      jobs(maps, metrics, log, job_options(options)),
       relocalisations(options.relocalisations) {}
 
 Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)

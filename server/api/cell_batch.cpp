@@ -2,6 +2,7 @@
 #include <set>
 #include <unordered_set>
 
+#include "cellmap/codec/cell_batch.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
@@ -82,31 +83,26 @@ Batch read_batch(const Store& store, const std::string& map, const Json& json) {
   return batch;
 }
 
-void append_u32(std::string& text, std::size_t value) {
-  for (int shift = 0; shift < 32; shift += 8) text += static_cast<char>(value >> shift & 0xff);
-}
-
 Response batch_cells(Services& services, const Call& call) {
   const auto& map = call.path("map");
   const Revision revision = services.store.map(map).revision;
-  const Batch batch = read_batch(services.store, map, call.json());
-  std::string body;
+  const Batch asked = read_batch(services.store, map, call.json());
+  Bytes batch;
   std::size_t sent = 0;
-  for (; sent < std::min(batch.ids.size(), batch.limit); ++sent) {
-    const CellId id = batch.ids[sent];
+  for (; sent < std::min(asked.ids.size(), asked.limit); ++sent) {
+    const CellId id = asked.ids[sent];
     const Bytes bytes = zstd_decompress(*services.store.compressed_cell(map, id), kMaxCellBytes);
-    if (!body.empty() && body.size() + bytes.size() > kMaxAnswer) break;
-    append_u32(body, id.value);
-    append_u32(body, bytes.size());
-    body.append(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+    if (!batch.empty() && batch.size() + bytes.size() > kMaxAnswer) break;
+    append_to_batch(batch, id, bytes);
   }
   Response response;
   response.headers.set("Content-Type", "application/vnd.cellmap.cells");
   response.headers.set("CELLmap-Revision", std::to_string(revision));
-  if (sent < batch.ids.size()) {
-    response.headers.set("CELLmap-Remaining", std::to_string(batch.ids.size() - sent));
+  if (sent < asked.ids.size()) {
+    response.headers.set("CELLmap-Remaining", std::to_string(asked.ids.size() - sent));
   }
-  response.body = std::move(body);
+  const std::size_t size = batch.size();
+  response.body = SharedBytes{std::make_shared<const Bytes>(std::move(batch)), 0, size};
   return response;
 }
 

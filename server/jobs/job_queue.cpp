@@ -66,6 +66,9 @@ std::shared_ptr<JobQueue::LiveJob> JobQueue::make_live(JobRecord record,
   auto job = std::make_shared<LiveJob>();
   job->record = std::move(record);
   job->request = std::move(request);
+  MapperOptions& mapper = job->request.options;  // its results do not depend on threads
+  mapper.build.threads = mapper.registration.threads = options_.threads;
+  mapper.loops.registration.threads = mapper.pose_graph.threads = options_.threads;
   if (!job->request.path) {
     const auto resume = find_resume_point(store_, job->record.map, job->request.session);
     job->upload = std::make_unique<UploadSource>(job->request.scans_total,

@@ -24,6 +24,7 @@
 namespace cellmap::server {
 
 struct JobQueueOptions {
+  int threads = 1;                                ///< of one job's computations; 0: all
   int workers = 4;                                ///< jobs that run at a time; uploads mostly wait
   std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused
   std::vector<std::filesystem::path> data_roots;  ///< canonical

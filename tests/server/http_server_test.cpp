@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "cellmap/core/error.hpp"
 #include "server/server_fixture.hpp"
 
 // The front over loopback, spoken to byte by byte.
@@ -263,7 +264,7 @@ TEST_F(Http, AnAddressThatIsTakenIsAnError) {
   taken.host = "256.0.0.1";
   const auto log =
       std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::null_sink_mt>());
-  EXPECT_THROW(HttpServer(*api_, log, taken), Error);
+  EXPECT_THROW(HttpServer(*api_, log, taken), cellmap::Error);
 }
 
 }  // namespace
