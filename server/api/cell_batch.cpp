@@ -1,8 +1,9 @@
+#include "cellmap/codec/cell_batch.hpp"
+
 #include <algorithm>
 #include <set>
 #include <unordered_set>
 
-#include "cellmap/codec/cell_batch.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"

@@ -85,7 +85,7 @@ std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) 
   };
   if (indices_[0] && indices_[0]->cells.size() >= graph.nodes.size()) return share(indices_[0]);
   for (auto& index : indices_) {
-    if (index && index.use_count() > 1) continue;  // a reader is in it
+    if (index && index.use_count() > 1) continue;         // a reader is in it
     std::atomic_thread_fence(std::memory_order_acquire);  // and the last one has left it
     if (!index) index = std::make_shared<Index>();
     bring_up_to_date(*index, graph);

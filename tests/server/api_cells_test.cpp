@@ -139,6 +139,11 @@ TEST_F(ApiCells, HeadOfACellStatesWhatGetWouldSend) {
   const auto head = send("HEAD", kCell1);
   EXPECT_EQ(head.status, 200);
   EXPECT_EQ(head.headers.get("ETag"), get(kCell1).headers.get("ETag"));
+  EXPECT_EQ(send("HEAD", kCell1, "", {{"Range", "bytes=0-9"}}).status, 206);
+  EXPECT_EQ(send("HEAD", kCell1, "", {{"If-None-Match", "*"}}).status, 304);
+  EXPECT_EQ(send("HEAD", kCell1, "", {{"Range", "bytes=99999999-"}}).status, 416);
+  EXPECT_EQ(send("HEAD", "/v1/maps/town/cells/9").status, 404);
+  EXPECT_EQ(send("HEAD", "/v1/maps/town/cells/x").status, 400);
   expect_problem(get("/v1/maps/town/cells/9"), 404, "not-found");
   expect_problem(get("/v1/maps/none/cells/1"), 404, "not-found");
   expect_problem(get("/v1/maps/town/cells/-1"), 400, "invalid-argument");

@@ -117,6 +117,8 @@ TEST_F(ApiGraph, WrongLoopsAreRefusedAndChangeNothing) {
   expect_problem(post("/v1/maps/none/loops", R"({"detect":1})"), 404, "not-found");
   expect_problem(send("POST", kLoops, "{}", {{"Content-Type", "text/plain"}}), 415, "unsupported");
   expect_problem(get(std::string(kLoops) + "/x"), 400, "invalid-argument");
+  expect_problem(send("DELETE", std::string(kLoops) + "/x"), 400, "invalid-argument");
+  expect_problem(get("/v1/maps/none/loops"), 404, "not-found");
   EXPECT_EQ(json_of(get("/v1/maps/town"))["revision"], 3);
 }
 

@@ -136,6 +136,7 @@ TEST_F(ApiJobs, APathGoesOnAfterItsLastStoredCell) {
   wait_for_cells(id, 2);
   EXPECT_EQ(send("DELETE", "/v1/jobs/" + id.dump()).status, 202);
   EXPECT_EQ(ended_job({{"id", id}})["state"], "cancelled");
+  expect_problem(send("POST", "/v1/jobs/" + id.dump() + "/complete"), 409, "conflict");
   EXPECT_EQ(json_of(get("/v1/maps/part"))["cells"], 2);
   EXPECT_EQ(ingest("part")["state"], "succeeded");
   EXPECT_EQ(content("part"), content("town"));
@@ -193,6 +194,7 @@ TEST_F(ApiJobs, AMapThatAJobWritesToIsNotChangedFromOutside) {
   wait_for_cells(id, 2);
   expect_problem(post("/v1/maps/town/loops", R"({"from":1,"to":2,"pose":[7,0,0,0,0,0,1]})"), 409,
                  "conflict");
+  expect_problem(send("DELETE", "/v1/maps/town/loops/1"), 409, "conflict");
   expect_problem(put_cell(99, street_cell(0, 0, "other")), 409, "conflict");
   expect_problem(send("DELETE", "/v1/maps/town"), 409, "conflict");
   send("DELETE", "/v1/jobs/" + id.dump());
@@ -269,6 +271,9 @@ TEST_F(ApiJobs, JobsThatAreNotThereOrHaveEndedSaySo) {
   expect_problem(get("/v1/jobs/99"), 404, "not-found");
   expect_problem(get("/v1/jobs/x"), 400, "invalid-argument");
   expect_problem(get("/v1/jobs/99/events"), 404, "not-found");
+  expect_problem(get("/v1/jobs/x/events"), 400, "invalid-argument");
+  expect_problem(send("DELETE", "/v1/jobs/x"), 400, "invalid-argument");
+  expect_problem(send("POST", "/v1/jobs/x/complete"), 400, "invalid-argument");
   expect_problem(send("DELETE", "/v1/jobs/99"), 404, "not-found");
   expect_problem(send("POST", "/v1/jobs/99/complete"), 404, "not-found");
   const Json ended = ingest("town");

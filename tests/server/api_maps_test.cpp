@@ -38,6 +38,7 @@ TEST_F(ApiMaps, AMapIsMadeSummarisedListedAndDeleted) {
   EXPECT_EQ(json_of(get("/v1/maps"))["maps"].size(), 1u);
   EXPECT_EQ(send("DELETE", "/v1/maps/town").status, 204);
   expect_problem(get("/v1/maps/town"), 404, "not-found");
+  expect_problem(send("DELETE", "/v1/maps/town"), 404, "not-found");
 }
 
 TEST_F(ApiMaps, WrongMapsAreRefusedWithTheRightCode) {
