@@ -318,7 +318,7 @@ TEST(ScanFile, RandomDamageGivesAnErrorOrAsManyPointsAsAllowed) {
       {"a.ply", ply("2", "binary_big_endian", bytes_of(kTwoPoints))},
       {"a.ply", ply("2", "ascii", "1 2 3\n4 5 6\n")},
   };
-  const std::string bytes = std::string("0123456789 \n\t-.#xyzFUIlist\xff\x80", 30) + '\0';
+  const std::string bytes = std::string("0123456789 \n\t-.#xyzFUIlist\xff\x80") + '\0';
   std::mt19937 rng(1);
   for (int round = 0; round < 1500; ++round) {
     const auto& [name, whole] = wholes[round % 6];
