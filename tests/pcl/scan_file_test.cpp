@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <random>
 #include <sstream>
 
 #include "cellmap/core/error.hpp"
@@ -305,6 +306,38 @@ TEST(ScanFile, DamagedCompressionIsAnError) {
   const auto bomb_file = folder.write("b.pcd", pcd("2000000", "binary_compressed", bomb));
   expect_error(
       ErrorCode::kCorruptData, [&] { read_scan_file(bomb_file); }, "b.pcd:", "24000000");
+}
+
+TEST(ScanFile, RandomDamageGivesAnErrorOrAsManyPointsAsAllowed) {
+  const TempFolder folder;
+  const std::pair<const char*, std::string> wholes[] = {
+      {"a.pcd", pcd("2", "binary", bytes_of(kTwoPoints))},
+      {"a.pcd", pcd("2", "binary_compressed", compressed(bytes_of(kTwoPointsByField)))},
+      {"a.pcd", pcd("2", "ascii", "1 2 3\n4 5 6\n")},
+      {"a.ply", ply("2", "binary_little_endian", bytes_of(kTwoPoints))},
+      {"a.ply", ply("2", "binary_big_endian", bytes_of(kTwoPoints))},
+      {"a.ply", ply("2", "ascii", "1 2 3\n4 5 6\n")},
+  };
+  const std::string bytes = std::string("0123456789 \n\t-.#xyzFUIlist\xff\x80") + '\0';
+  std::mt19937 rng(1);
+  for (int round = 0; round < 1500; ++round) {
+    const auto& [name, whole] = wholes[round % 6];
+    std::string damaged = whole;
+    for (unsigned i = 0; i <= rng() % 4; ++i) {
+      const std::size_t at = rng() % damaged.size();
+      if (rng() % 3 == 0) {
+        damaged.insert(at, 1, bytes[rng() % bytes.size()]);
+      } else {
+        damaged[at] = bytes[rng() % bytes.size()];
+      }
+    }
+    try {
+      const PointCloud points = read_scan_file(folder.write(name, damaged));
+      EXPECT_LE(points.size(), damaged.size());
+      EXPECT_EQ(points.x.size(), points.z.size());
+    } catch (const Error&) {
+    }
+  }
 }
 
 TEST(ScanFile, NothingIsPrinted) {

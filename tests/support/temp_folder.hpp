@@ -31,6 +31,7 @@ class TempFolder {
   std::filesystem::path write(const std::string& name, std::string_view bytes) const {
     const std::filesystem::path file = path_ / name;
     std::filesystem::create_directories(file.parent_path());
+    std::filesystem::remove(file);  // some file systems flush a file that is overwritten: slow
     std::ofstream(file, std::ios::binary) << bytes;
     return file;
   }

@@ -18,7 +18,11 @@ struct EncodedCell {
   Bytes bytes;
 };
 
-/// Deterministic: equal CELLs give equal bytes. Throws Error{kCorruptData} where `validate` does.
+/// Deterministic: equal CELLs give equal bytes on every machine, and decoding and encoding again
+/// gives the same bytes, so that a CELL keeps its hash. Bytes that came from elsewhere may be laid
+/// out differently: pass them on as {verified_hash(bytes), bytes}. About 1 ms for 5,800 planes,
+/// most of it `validate`. Throws Error{kCorruptData} where `validate` does, {kUnsupported} for an
+/// unknown lattice.
 EncodedCell encode_cell(const Cell& cell);
 
 /// Trusts no byte: alignment, FlatBuffers verifier (bounded depth and tables), schema version,

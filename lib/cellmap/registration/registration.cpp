@@ -1,6 +1,7 @@
 #include "cellmap/registration/registration.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <cmath>
@@ -34,28 +35,58 @@ std::optional<Tangent> solve(const NormalSystem& system) {
   return Tangent(-(scale.asDiagonal() * step));
 }
 
+/// Lengthens steps that creep. Correspondences follow the pose only as it moves, so along a weak
+/// motion each step goes a part of the way and the next ones repeat it a little shorter; where two
+/// steps in a row agree, their ratio tells the sum of the rest (Aitken).
+class CreepAccelerator {
+ public:
+  explicit CreepAccelerator(double median_range_m) : range_m_(median_range_m) {}
+
+  Tangent lengthened(const Tangent& step) {
+    Tangent metric = step;
+    metric.tail<3>() *= range_m_;
+    const double before = previous_.squaredNorm();
+    const double ratio = before > 0 ? metric.dot(previous_) / before : 0.0;
+    const bool agree = ratio > 0 && metric.dot(previous_) > 0.8 * metric.norm() * previous_.norm();
+    if (!agree || ratio < kLeastRatio) {
+      previous_ = metric;
+      return step;
+    }
+    previous_.setZero();  // the next two steps are plain again
+    return step * std::min(1.0 / (1.0 - std::min(ratio, 0.99)), kMostLengthening);
+  }
+
+ private:
+  static constexpr double kLeastRatio = 0.5;
+  static constexpr double kMostLengthening = 10.0;
+  double range_m_;
+  Tangent previous_ = Tangent::Zero();
+};
+
 /// Runs the stages from `result.T_target_source`; sets pose, iterations and convergence.
 void iterate(std::span<const RegistrationTerm> terms, const RegistrationOptions& options,
-             const PointSelection& selection, RegistrationResult& result) {
+             const PointSelection& selection, double median_range_m, RegistrationResult& result) {
   const std::vector<RegistrationStage> stages =
       options.stages.empty() ? default_registration_stages() : options.stages;
   for (std::size_t s = 0; s < stages.size(); ++s) {
+    CreepAccelerator accelerator(median_range_m);
     for (int i = 0; i < stages[s].max_iterations; ++i) {
-      const NormalSystem system =
-          normal_system(terms, result.T_target_source, stages[s], selection);
+      const Pose& T = result.T_target_source;
+      const NormalSystem system = normal_system(terms, T, stages[s], selection);
       if (system.points < options.min_points_in_gate) return;
       const std::optional<Tangent> step = solve(system);
       if (!step) return;
-      const Pose moved = exp(*step) * result.T_target_source;
-      const double translation =
-          (moved.translation() - result.T_target_source.translation()).norm();
-      result.T_target_source = moved;
+      const Pose moved = exp(*step) * T;
+      const double translation = (moved.translation() - T.translation()).norm();
       ++result.iterations;
       if (s + 1 == stages.size() && translation < options.convergence_translation_m &&
           step->tail<3>().norm() < options.convergence_rotation_rad) {
+        result.T_target_source = moved;
         result.converged = true;
         return;
       }
+      const bool may_creep = stages[s].kernel != RobustKernel::kNone;
+      result.T_target_source = may_creep ? exp(accelerator.lengthened(*step)) * T : moved;
     }
   }
 }
@@ -67,7 +98,8 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const
   const PointSelection selection{options.point_step, options.threads};
   RegistrationResult result;
   result.T_target_source = T_initial;
-  iterate(terms, options, selection, result);
+  const double range_m = median_range_m(terms, selection);
+  iterate(terms, options, selection, range_m, result);
 
   std::vector<HitDistances> hits;
   for (const RegistrationTerm& term : terms) {
@@ -76,9 +108,10 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const
   result.scores = scores_of(hits);
   result.rmse_m = inlier_rmse_m(hits);
   const Matrix6d information = information_of(terms, hits, result.T_target_source, selection);
-  result.degeneracy = degeneracy_of(information, result.T_target_source,
-                                    median_range_m(terms, selection), options.degeneracy_share);
-  result.information = with_systematic_deviation(information, result.T_target_source, options);
+  const HeldMotions held =
+      held_motions(information, result.T_target_source, range_m, options.degeneracy_share);
+  result.degeneracy = held.degeneracy;
+  result.information = with_systematic_deviation(held.information, result.T_target_source, options);
   return result;
 }
 

@@ -12,6 +12,7 @@ namespace {
 constexpr double kReach_m = 160.0;
 constexpr double kGridCell_m = 32.0;
 constexpr double kBlend_m = 4.0;
+constexpr double kSlopeReach2_m2 = 400.0;
 
 std::uint64_t grid_key(double x, double y) {
   const auto gx = static_cast<std::int32_t>(std::floor(x / kGridCell_m));
@@ -101,10 +102,19 @@ double value_noise(double x, double y, double scale_m, std::uint64_t seed) {
 Ground::Ground(const Centreline& line, double sensor_height_m, std::uint64_t seed) : seed_(seed) {
   const std::vector<std::size_t> samples = thinned(line);
   const Eigen::VectorXd z = reconciled_heights(line, samples);
+  const auto place = [&](std::size_t i) {
+    Eigen::Vector3d p = line.vertices()[samples[i]];
+    p.z() = z[static_cast<Eigen::Index>(i)] - sensor_height_m;
+    return p;
+  };
   for (std::size_t i = 0; i < samples.size(); ++i) {
-    const Eigen::Vector3d& p = line.vertices()[samples[i]];
-    grid_[grid_key(p.x(), p.y())].push_back(
-        {p.x(), p.y(), z[static_cast<Eigen::Index>(i)] - sensor_height_m});
+    const Eigen::Vector3d p = place(i);
+    const Eigen::Vector3d chord =
+        place(std::min(i + 2, samples.size() - 1)) - place(i > 2 ? i - 2 : 0);
+    const double plan2 = chord.head<2>().squaredNorm();
+    const Eigen::Vector2d slope =
+        plan2 > 1 ? Eigen::Vector2d(chord.head<2>() * chord.z() / plan2) : Eigen::Vector2d::Zero();
+    grid_[grid_key(p.x(), p.y())].push_back({p.x(), p.y(), p.z(), slope.x(), slope.y()});
   }
 }
 
@@ -120,7 +130,10 @@ std::optional<double> Ground::height_m(double x, double y) const {
         const double fall = 1 - d2 / (kReach_m * kReach_m), near = d2 + kBlend_m * kBlend_m;
         const double weight = fall * fall / (near * near * near);
         weights += weight;
-        heights += weight * sample.z;
+        // The slope of a street does not reach far beyond it.
+        const double rise =
+            -(sample.slope_x * dx + sample.slope_y * dy) / (1 + d2 / kSlopeReach2_m2);
+        heights += weight * (sample.z + rise);
         nearest2 = std::min(nearest2, d2);
       }
     }

@@ -15,9 +15,9 @@ namespace cellmap::simulation {
 ///
 /// A recorded route seldom returns to a place at the height it left it with. The heights are first
 /// reconciled along the route (springs between neighbours and between passes of the same place, a
-/// sparse linear system), then blended over the plane with weights that fall with the sixth power
-/// of the distance; away from the street a gentle relief is added. Roads that pass over one
-/// another become a crossing.
+/// sparse linear system), then blended over the plane, each point of the route with the slope of
+/// its street and a weight that falls with the sixth power of the distance; away from the street a
+/// gentle relief is added. Roads that pass over one another become a crossing.
 class Ground {
  public:
   /// `sensor_height_m` above ground is where the route's poses lie.
@@ -27,13 +27,13 @@ class Ground {
   /// are looked at: about a microsecond.
   std::optional<double> height_m(double x, double y) const;
 
-  /// `height_m`, or the height of the nearest known end where there is none: for what stands near
-  /// the route anyway.
+  /// The same for what stands near the route anyway.
   double height_or_zero_m(double x, double y) const { return height_m(x, y).value_or(0.0); }
 
  private:
   struct Sample {
     double x, y, z;
+    double slope_x, slope_y;  // of the street, along itself
   };
   std::unordered_map<std::uint64_t, std::vector<Sample>> grid_;
   std::uint64_t seed_;

@@ -51,6 +51,8 @@ void LidarModel::validate() const {
           "a rate of 0.1 to 100 Hz, found " + std::to_string(rate_hz));
   require(max_range_m >= 5 && max_range_m <= 150,
           "a maximum range of 5 to 150 m, found " + std::to_string(max_range_m));
+  require(grazing_range_m >= 0 && std::isfinite(grazing_range_m),
+          "a grazing range of 0 m (off) or more, found " + std::to_string(grazing_range_m));
   require(range_noise_m >= 0 && range_noise_m <= 1,
           "a range noise of 0 to 1 m, found " + std::to_string(range_noise_m));
   require(drop_out >= 0 && drop_out < 1,

@@ -15,13 +15,13 @@ namespace cellmap::simulation {
 /// - for yaw, a share of the turn.
 /// A vehicle that stands still does not drift. Defaults drift by about 0.5 to 1 % over a kilometre.
 struct DriftModel {
-  double forward_noise_m = 0.006;     ///< per square root of metre
-  double sideways_noise_m = 0.004;    ///< y and z, per square root of metre
-  double rotation_noise_deg = 0.010;  ///< each axis, per square root of metre
-  double scale_bias = 0.003;          ///< share of the distance
-  double yaw_bias_deg_per_m = 0.0025;
-  double pitch_bias_deg_per_m = 0.0012;
-  double turn_bias = 0.003;  ///< share of the turn
+  double forward_noise_m = 0.009;     ///< per square root of metre
+  double sideways_noise_m = 0.006;    ///< y and z, per square root of metre
+  double rotation_noise_deg = 0.015;  ///< each axis, per square root of metre
+  double scale_bias = 0.0045;         ///< share of the distance
+  double yaw_bias_deg_per_m = 0.0035;
+  double pitch_bias_deg_per_m = 0.0018;
+  double turn_bias = 0.0045;  ///< share of the turn
   double correlation_m = 120;
 };
 

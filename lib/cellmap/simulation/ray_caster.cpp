@@ -27,7 +27,10 @@ void throw_on_error(RTCDevice device, const char* what) {
 /// A scene that is released with its owner.
 class Scene {
  public:
-  explicit Scene(RTCDevice device) : scene_(rtcNewScene(device)) {}
+  explicit Scene(RTCDevice device) : scene_(rtcNewScene(device)) {
+    // Watertight: no ray slips between two triangles that share an edge.
+    rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST);
+  }
   ~Scene() { rtcReleaseScene(scene_); }
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
@@ -49,18 +52,20 @@ class RayMesh {
   RTCScene scene() const { return scene_.get(); }
   const TriangleMesh& triangles() const { return mesh_; }
 
-  /// Distance along the ray from `origin` to the plane of one triangle, in double.
-  double distance_m(std::uint32_t triangle, const Eigen::Vector3d& origin,
-                    const Eigen::Vector3d& direction, double fallback) const {
+  /// Where the ray meets the plane of one triangle, in double.
+  RayCaster::Hit refined(std::uint32_t triangle, const Eigen::Vector3d& origin,
+                         const Eigen::Vector3d& direction, double embree_range_m) const {
     const auto& corners = mesh_.triangles[triangle];
     const auto corner = [&](std::size_t k) {
       const auto& v = mesh_.vertices[corners[k]];
       return Eigen::Vector3d(v[0], v[1], v[2]);
     };
-    const Eigen::Vector3d a = corner(0), normal = (corner(1) - a).cross(corner(2) - a);
-    const double distance = normal.dot(a - origin) / normal.dot(direction);
-    // On a triangle seen edge-on the division says nothing; Embree's own distance stands.
-    return std::abs(distance - fallback) < 0.01 ? distance : fallback;
+    const Eigen::Vector3d a = corner(0);
+    const Eigen::Vector3d normal = (corner(1) - a).cross(corner(2) - a).normalized();
+    const double cosine = normal.dot(direction), range_m = normal.dot(a - origin) / cosine;
+    // On a triangle seen edge-on the division says nothing; Embree's own range stands.
+    const bool close = std::abs(range_m - embree_range_m) < 0.01;
+    return {close ? range_m : embree_range_m, std::min(1.0, std::abs(cosine))};
   }
 
  private:
@@ -139,7 +144,7 @@ RTCRayHit ray_from(const Eigen::Vector3f& origin, const Eigen::Vector3f& directi
 
 void RayCaster::cast(std::span<const Instance> instances, const Eigen::Isometry3d& T_world_sensor,
                      std::span<const Eigen::Vector3f> directions, double max_range_m, int threads,
-                     std::span<double> ranges) const {
+                     std::span<Hit> hits) const {
   const Scene scene(device_->handle);
   for (std::size_t i = 0; i < instances.size(); ++i) {
     attach_instance(device_->handle, scene.get(), instances[i], static_cast<unsigned int>(i));
@@ -160,12 +165,12 @@ void RayCaster::cast(std::span<const Instance> instances, const Eigen::Isometry3
       RTCRayHit ray =
           ray_from(origin.cast<float>(), direction.cast<float>(), static_cast<float>(max_range_m));
       rtcIntersect1(scene.get(), &context, &ray);
-      ranges[i] = 0;
+      hits[i] = {};
       if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) continue;
-      const Instance& instance = instances[ray.hit.instID[0]];
-      const Eigen::Isometry3d& T = T_mesh_world[ray.hit.instID[0]];
-      ranges[i] = instance.mesh->distance_m(ray.hit.primID, T * origin, T.linear() * direction,
-                                            ray.ray.tfar);
+      const unsigned int hit = ray.hit.instID[0];
+      const Eigen::Isometry3d& T = T_mesh_world[hit];
+      hits[i] = instances[hit].mesh->refined(ray.hit.primID, T * origin, T.linear() * direction,
+                                             ray.ray.tfar);
     }
   });
 }

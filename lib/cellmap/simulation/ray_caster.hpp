@@ -32,13 +32,17 @@ class RayCaster {
     Eigen::Isometry3d T_world_mesh = Eigen::Isometry3d::Identity();
   };
 
-  /// For each unit `direction` (sensor frame) the distance in metres to the first surface within
-  /// `max_range_m` of the sensor, or 0 where there is none, written to `ranges`. The triangle is
-  /// found in float, its distance computed in double. `threads` as `parallel_for` has it; the
-  /// result does not depend on it.
+  struct Hit {
+    double range_m = 0;           ///< to the first surface; 0 where there is none
+    double cosine_incidence = 0;  ///< between the ray and the surface's normal, 0 to 1
+  };
+
+  /// What each ray of unit `directions` (sensor frame) hits within `max_range_m` of the sensor,
+  /// written to `hits`. The triangle is found in float, its distance computed in double. `threads`
+  /// as `parallel_for` has it; the result does not depend on it.
   void cast(std::span<const Instance> instances, const Eigen::Isometry3d& T_world_sensor,
             std::span<const Eigen::Vector3f> directions, double max_range_m, int threads,
-            std::span<double> ranges) const;
+            std::span<Hit> hits) const;
 
  private:
   struct Device;

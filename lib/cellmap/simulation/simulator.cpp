@@ -1,6 +1,7 @@
 #include "cellmap/simulation/simulator.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -87,7 +88,7 @@ class SimulatedDrive final : public ScanSource {
         tiles_(caster_, ground_,
                plan_town(line_, ground_, sub_seed(options.seed, kTownSeed), traffic_seed())),
         directions_(ray_directions(options.lidar)),
-        ranges_(directions_.size()) {
+        hits_(directions_.size()) {
     Route truth = on_the_ground(route_, ground_, options.lateral_offset_m, sensor_height_m());
     odometry_ = make_odometry(truth);
     if (options.scans != 0 && options.scans < truth.size()) {
@@ -95,6 +96,7 @@ class SimulatedDrive final : public ScanSource {
       odometry_.resize(options.scans);
     }
     truth_ = Trajectory(std::move(truth));
+    noise_seed_ = noise_seed();
     for (int model = 0; model < kVehicleModels; ++model) {
       TriangleMesh mesh;
       add_vehicle(model, MeshBuilder(mesh, Pose::Identity()));
@@ -139,6 +141,12 @@ class SimulatedDrive final : public ScanSource {
     return estimate_from_file(options_, route_, truth);
   }
 
+  /// Another day or another lane has noise of its own, else a scan would find its noise in the map.
+  std::uint64_t noise_seed() const {
+    const std::uint64_t day = sub_seed(sub_seed(options_.seed, kNoiseSeed), traffic_seed());
+    return sub_seed(day, std::bit_cast<std::uint64_t>(options_.lateral_offset_m + 0.0));
+  }
+
   PointCloud sweep(std::size_t index) {
     const Pose& T_world_sensor = truth_[index].pose;
     const Eigen::Vector3d p = T_world_sensor.translation();
@@ -149,22 +157,26 @@ class SimulatedDrive final : public ScanSource {
          traffic_.at(time_s, line_.arc_of_pose_m(index), T_world_sensor, range_m)) {
       scene.push_back({vehicles_[static_cast<std::size_t>(car.model)], car.T_world_car});
     }
-    caster_.cast(scene, T_world_sensor, directions_, range_m, options_.threads, ranges_);
+    caster_.cast(scene, T_world_sensor, directions_, range_m, options_.threads, hits_);
     return measured(index);
   }
 
-  /// What the sensor reports of the true ranges: some lost, all noisy. Every ray draws from a seed
-  /// of its own, so a scan does not depend on those before it.
+  /// What the sensor reports of what the rays hit: some lost, all noisy. Every ray draws from a
+  /// seed of its own, so a scan does not depend on those before it.
   PointCloud measured(std::size_t index) const {
-    const std::uint64_t seed = sub_seed(sub_seed(options_.seed, kNoiseSeed), index);
+    const LidarModel& lidar = options_.lidar;
+    const std::uint64_t seed = sub_seed(noise_seed_, index);
     PointCloud points;
-    points.reserve(ranges_.size());
-    for (std::size_t ray = 0; ray < ranges_.size(); ++ray) {
-      if (ranges_[ray] <= 0) continue;
+    points.reserve(hits_.size());
+    for (std::size_t ray = 0; ray < hits_.size(); ++ray) {
+      const auto& [range_m, cosine] = hits_[ray];
+      if (range_m <= 0) continue;
+      if (lidar.grazing_range_m > 0 && range_m > lidar.grazing_range_m * std::sqrt(cosine))
+        continue;
       Random random(sub_seed(seed, ray));
-      if (random.chance(options_.lidar.drop_out)) continue;
-      const double range = ranges_[ray] + options_.lidar.range_noise_m * random.normal();
-      if (range > 0) points.push_back(directions_[ray] * static_cast<float>(range));
+      if (random.chance(lidar.drop_out)) continue;
+      const double measured_m = range_m + lidar.range_noise_m * random.normal();
+      if (measured_m > 0) points.push_back(directions_[ray] * static_cast<float>(measured_m));
     }
     return points;
   }
@@ -178,9 +190,10 @@ class SimulatedDrive final : public ScanSource {
   TownTiles tiles_;
   std::vector<std::shared_ptr<const RayMesh>> vehicles_;
   std::vector<Eigen::Vector3f> directions_;
-  std::vector<double> ranges_;
+  std::vector<RayCaster::Hit> hits_;
   Trajectory truth_;
   Route odometry_;
+  std::uint64_t noise_seed_ = 0;
   std::size_t next_ = 0;
 };
 

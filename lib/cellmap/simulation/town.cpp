@@ -13,7 +13,11 @@ namespace {
 using Side = double;
 constexpr Side kRight = -1, kLeft = 1;
 
-/// Where things of one kind stand: the distance of their near edge from the driven line.
+/// Where parked cars begin.
+constexpr double kerb_m(Side side) { return (side == kRight ? kClearRight_m : kClearLeft_m) + 0.3; }
+
+/// Puts things beside the street where there is room, in the order asked: who comes first has the
+/// place.
 class Planner {
  public:
   Planner(const Centreline& line, const Ground& ground) : line_(line), ground_(ground) {
@@ -113,44 +117,47 @@ void build_boundaries(Planner& town, Side side, double pavement_m, std::uint64_t
     const double height = hedge ? random.uniform(0.8, 1.9) : random.uniform(0.7, 2.2);
     town.place(hedge ? ObjectKind::kHedge : ObjectKind::kWall,
                town.beside(s + half.x(), side, setback, half), height, random.next());
-    s += length + random.uniform(2, 14);
+    s += length + random.uniform(1, 10);
   }
 }
 
 /// Trees along the kerb and in gardens.
-void plant_trees(Planner& town, Side side, double kerb_m, std::uint64_t seed) {
+void plant_trees(Planner& town, Side side, double near_m, std::uint64_t seed) {
   Random random(seed);
-  for (double s = random.uniform(0, 12); s < town.length_m(); s += random.uniform(5, 22)) {
-    const double radius = random.uniform(1.2, 2.8);
-    const double setback = random.chance(0.6) ? kerb_m : random.uniform(kerb_m, kerb_m + 25);
-    const Eigen::Vector2d half = Eigen::Vector2d::Constant(radius);
-    town.place(ObjectKind::kTree, town.beside(s, side, setback, half), random.uniform(4.5, 10),
-               random.next(), 0);
+  for (double s = random.uniform(0, 12); s < town.length_m(); s += random.uniform(2, 10)) {
+    const double radius = random.uniform(1.0, 2.8);
+    const double setback = random.chance(0.5) ? near_m : random.uniform(near_m, near_m + 30);
+    const double height = random.uniform(4.5, 10);
+    const std::uint64_t details = random.next();
+    for (const double size : {radius, 0.55 * radius}) {
+      const Footprint crown = town.beside(s, side, setback, Eigen::Vector2d::Constant(size));
+      if (town.place(ObjectKind::kTree, crown, height, details, 0)) break;
+    }
   }
 }
 
-void set_poles(Planner& town, Side side, double kerb_m, std::uint64_t seed) {
+void set_poles(Planner& town, Side side, double near_m, std::uint64_t seed) {
   Random random(seed);
   for (double s = random.uniform(0, 15); s < town.length_m(); s += random.uniform(9, 26)) {
     const bool lamp = random.chance(0.5);
     const double quarter = 0.5 * std::numbers::pi;
-    Footprint foot = town.beside(s, side, kerb_m, {lamp ? 0.5 : 0.35, lamp ? 0.2 : 0.12}, quarter);
+    Footprint foot = town.beside(s, side, near_m, {lamp ? 0.5 : 0.35, lamp ? 0.2 : 0.16}, quarter);
     town.place(ObjectKind::kPole, foot, lamp ? random.uniform(5, 8) : random.uniform(2.2, 3.5),
                random.next(), 0);
   }
 }
 
-void park_cars(Planner& town, Side side, double kerb_m, std::uint64_t seed) {
+void park_cars(Planner& town, Side side, double near_m, std::uint64_t seed) {
   Random random(seed);
   for (double s = random.uniform(0, 6); s < town.length_m(); s += random.uniform(5.8, 8.5)) {
     const std::uint64_t details = random.next();
     const bool taken = random.chance(0.45);
-    const double setback = kerb_m + random.uniform(0, 0.15), yaw = random.uniform(-0.03, 0.03);
+    const double setback = near_m + random.uniform(0, 0.15), yaw = random.uniform(-0.03, 0.03);
     const double turned = random.chance(0.2) ? std::numbers::pi : 0.0;
     if (!taken) continue;
     const Eigen::Vector2d half = vehicle_half_extent_m(static_cast<int>(details % kVehicleModels));
     town.place(ObjectKind::kCar, town.beside(s, side, setback, half, yaw + turned), 2.5, details,
-               0.2);
+               0.1);
   }
 }
 
@@ -158,22 +165,23 @@ void park_cars(Planner& town, Side side, double kerb_m, std::uint64_t seed) {
 
 std::vector<TownObject> plan_town(const Centreline& line, const Ground& ground, std::uint64_t seed,
                                   std::uint64_t traffic_seed) {
-  constexpr BuildingRow front = {
-      ObjectKind::kHouse, 10.5, 15.5, 4.5, 11, 4, 7, 5, 15, 0.8, 9, 0.15};
-  constexpr BuildingRow second = {ObjectKind::kHouse, 26, 42, 5, 13, 4.5, 9, 6, 18, 2, 14, 0.1};
-  constexpr BuildingRow back = {ObjectKind::kBlock, 55, 95, 8, 18, 6, 14, 9, 26, 4, 16, 0.0};
+  constexpr BuildingRow front = {ObjectKind::kHouse, 9.8, 17, 4.5, 11, 4, 7, 5, 15, 0.8, 9, 0.2};
+  constexpr BuildingRow second = {ObjectKind::kHouse, 28, 44, 5, 13, 4.5, 9, 5, 16, 3, 16, 0.3};
+  constexpr BuildingRow back = {ObjectKind::kBlock, 55, 100, 8, 18, 6, 14, 7, 22, 4, 20, 0.5};
   Planner town(line, ground);
   std::uint64_t part = 0;
   for (const BuildingRow& row : {front, second, back}) {
     for (const Side side : {kRight, kLeft}) build_row(town, side, row, sub_seed(seed, ++part));
   }
   for (const Side side : {kRight, kLeft}) {
-    const double kerb = (side == kRight ? kClearRight_m : kClearLeft_m) + 0.15;
-    const double pavement = kerb + 2.3;
+    const double pavement = kerb_m(side) + 2.3;
     set_poles(town, side, pavement, sub_seed(seed, ++part));
-    plant_trees(town, side, pavement, sub_seed(seed, ++part));
     build_boundaries(town, side, pavement + 1.5, sub_seed(seed, ++part));
-    park_cars(town, side, kerb, sub_seed(traffic_seed, 1000 + ++part));
+    plant_trees(town, side, pavement, sub_seed(seed, ++part));
+  }
+  // Last, so that nothing else depends on where cars are parked today.
+  for (const Side side : {kRight, kLeft}) {
+    park_cars(town, side, kerb_m(side), sub_seed(traffic_seed, ++part));
   }
   return town.finish();
 }

@@ -35,7 +35,12 @@ class WrittenFiles {
   void create_folders(const fs::path& folder) {
     if (folder.empty() || fs::exists(folder)) return;
     create_folders(folder.parent_path());
-    fs::create_directory(folder);
+    std::error_code failure;
+    fs::create_directory(folder, failure);
+    if (failure) {
+      throw Error(ErrorCode::kIo,
+                  "cannot create the folder " + folder.string() + ": " + failure.message());
+    }
     folders_.push_back(folder);
   }
   void write(const fs::path& file, const char* bytes, std::size_t size) {

@@ -24,6 +24,11 @@ void GroupCommit::run(std::function<void()> work) {
   if (write.failure) std::rethrow_exception(write.failure);
 }
 
+std::size_t GroupCommit::waiting() {
+  const std::lock_guard lock(mutex_);
+  return queue_.size();
+}
+
 std::vector<GroupCommit::Write*> GroupCommit::next_batch(std::unique_lock<std::mutex>& lock) {
   // Those that wrote or waited during the last batch are probably on their way back. A lone writer
   // never waits.

@@ -33,6 +33,9 @@ class GroupCommit {
   /// of arrival.
   void run(std::function<void()> work);
 
+  /// Writes that have begun and not ended.
+  std::size_t waiting();
+
  private:
   std::vector<Write*> next_batch(std::unique_lock<std::mutex>& lock);
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
 #include <map>
@@ -7,8 +8,6 @@
 #include <optional>
 #include <string>
 #include <vector>
-
-#include <Eigen/Geometry>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/cell/local_map.hpp"
@@ -25,15 +24,16 @@ struct MapInfo {
   std::string name;
   LatticeSpec lattice;
   Revision revision = 0;
-  Stamp created = 0;             ///< Unix time
+  Stamp created = 0;  ///< Unix time
   std::uint64_t cells = 0;
   std::uint64_t planes = 0;
   std::uint64_t constraints = 0;
   std::uint64_t encoded_bytes = 0;  ///< of all CELLs, as FlatBuffers
   std::uint64_t stored_bytes = 0;   ///< of all CELLs, as kept (zstd)
   std::uint64_t scans = 0;
-  std::uint64_t raw_points = 0;     ///< points of all scans before filtering
-  std::uint64_t voxel_points = 0;   ///< size of the 0.4 m voxel-downsampled map, where it was counted
+  std::uint64_t raw_points = 0;  ///< points of all scans before filtering
+  std::uint64_t voxel_points =
+      0;  ///< size of the 0.4 m voxel-downsampled map, where it was counted
   /// Bounding box of the CELLs' current positions, map frame; empty() for an empty map.
   Eigen::AlignedBox3d bounds;
   std::vector<std::string> sessions;
@@ -43,8 +43,8 @@ struct MapInfo {
 struct CellRecord {
   CellId id;
   ContentHash hash;
-  Revision added = 0;        ///< revision that brought it
-  Revision moved = 0;        ///< revision that last changed its pose
+  Revision added = 0;  ///< revision that brought it
+  Revision moved = 0;  ///< revision that last changed its pose
   Pose T_map_cell = Pose::Identity();
   std::string session;
   std::uint32_t sequence = 0;
@@ -52,19 +52,24 @@ struct CellRecord {
   std::uint64_t encoded_bytes = 0;
 };
 
-/// Which CELLs, by their current poses. Conditions add up.
+/// Which CELLs, by their current poses. Conditions add up; borders belong to the area.
 struct CellQuery {
-  std::optional<Eigen::Vector3d> near;  ///< with `radius_m`; answers come nearest first
+  /// With `radius_m` > 0; nearest first, by id where equally far. At most 1e7 m from the origin.
+  std::optional<Eigen::Vector3d> near;
   double radius_m = 0;
   std::optional<Eigen::AlignedBox3d> box;
   std::optional<std::string> session;
-  Revision since = 0;            ///< only CELLs added or moved after this revision
-  std::size_t limit = 1000;      ///< 1 to 10,000
-  std::string cursor;            ///< `next_cursor` of the page before
+  Revision since = 0;        ///< only CELLs added or moved after this revision
+  std::size_t limit = 1000;  ///< 1 to 10,000
+  /// `next_cursor` of the page before, of the same query on the same map (the limit may differ);
+  /// else Error{kInvalidArgument}. The next page begins behind the last CELL of the page before in
+  /// the order of the answer, in the state of the map at that time: a CELL that moved between two
+  /// pages of a search by `near` may come twice or not at all (compare CellPage::revision).
+  std::string cursor;
 };
 
 struct CellPage {
-  Revision revision = 0;  ///< the page's snapshot
+  Revision revision = 0;          ///< the page's snapshot
   std::vector<CellRecord> cells;  ///< ascending id, or nearest first with `near`
   std::string next_cursor;        ///< empty on the last page
 };
@@ -73,34 +78,40 @@ struct CellPage {
 struct NewCell {
   CellId id;
   std::shared_ptr<const Cell> cell;
-  EncodedCell encoded;           ///< encode_cell(*cell)
+  EncodedCell encoded;  ///< encode_cell(*cell)
   Pose T_map_cell = Pose::Identity();
-  std::vector<ScanInCell> scans; ///< its stretch of the trajectory; may be empty
+  std::vector<ScanInCell> scans;  ///< its stretch of the trajectory; may be empty
   std::uint64_t raw_points = 0;
 };
 
-/// Any change to a map: one transaction, one new revision.
+/// Any change to a map: one transaction, one new revision. Carried out in the order of the fields,
+/// except that constraints are removed before others are added. Bounded (store/validation.hpp):
+/// 10,000 CELLs, a million constraints, coordinates within 1e7 m, else Error{kInvalidArgument} or
+/// {kTooLarge}.
 struct MapUpdate {
   std::vector<NewCell> cells;
-  std::map<CellId, Pose> poses;              ///< of CELLs that moved
-  std::vector<Constraint> add_constraints;   ///< unnumbered; the store numbers them in this order
+  std::map<CellId, Pose> poses;  ///< of CELLs that moved; equal poses change nothing
+  /// Unnumbered; the store numbers them in this order, from 1. One that is there already, equal in
+  /// CELLs, kind, origin, pose and information, is not added again but answered with its id, so
+  /// that an update whose answer was lost can be sent again.
+  std::vector<Constraint> add_constraints;
   std::vector<ConstraintId> remove_constraints;
-  std::optional<std::uint64_t> voxel_points; ///< replaces MapInfo::voxel_points
+  std::optional<std::uint64_t> voxel_points;  ///< replaces MapInfo::voxel_points
   /// Where set and not the map's revision: Error{kPreconditionFailed}, nothing changes.
   std::optional<Revision> expected_revision;
 };
 
 struct CommitResult {
-  Revision revision = 0;                       ///< unchanged where the update changed nothing
-  std::vector<ConstraintId> constraint_ids;    ///< of add_constraints, in order
+  Revision revision = 0;                     ///< unchanged where the update changed nothing
+  std::vector<ConstraintId> constraint_ids;  ///< of add_constraints, in order
 };
 
 /// What happened to a map after a revision.
 struct MapChanges {
   Revision since = 0, revision = 0;
-  std::vector<CellRecord> added;
-  std::map<CellId, Pose> moved;              ///< CELLs that were there before and moved
-  std::vector<Constraint> added_constraints;
+  std::vector<CellRecord> added;              ///< ascending id, with their current poses
+  std::map<CellId, Pose> moved;               ///< CELLs that were there before and moved
+  std::vector<Constraint> added_constraints;  ///< and not removed since; ascending id
   std::vector<ConstraintId> removed_constraints;
 };
 
@@ -112,58 +123,74 @@ constexpr bool is_final(JobState state) { return state >= JobState::kSucceeded; 
 
 /// A long-running operation, as kept across restarts.
 struct JobRecord {
-  JobId id;                 ///< numbered by the store
+  JobId id;  ///< numbered by the store
   std::string map;
-  std::string kind;         ///< "ingest"
-  std::string request_json; ///< what was asked, as the API received it
+  std::string kind;          ///< "ingest"
+  std::string request_json;  ///< what was asked, as the API received it
   JobState state = JobState::kQueued;
   std::uint64_t scans_done = 0, scans_total = 0, cells_done = 0;
-  std::string error_code;   ///< of a failed job, else empty
+  std::string error_code;  ///< of a failed job, else empty
   std::string error_message;
   Stamp created = 0, started = 0, updated = 0;  ///< Unix time; 0: not yet
 };
 
 /// Keeps maps. Every engine passes the same contract tests (tests/store/store_contract.hpp).
 ///
-/// Durability: when a call that changes something returns, the change survives a crash of the process
-/// and, as far as the disk keeps its word, of the machine. A change is visible wholly or not at all.
-/// Concurrency: any thread may call anything; a read sees one revision, and no writer blocks a reader.
-/// Errors: kNotFound (map, CELL, job, constraint, revision), kAlreadyExists, kConflict,
-/// kPreconditionFailed, kCorruptData (the store's own bytes are damaged), kIo, kUnavailable (busy).
+/// Durability: when a call that changes something returns, the change survives a crash of the
+/// process and, as far as the disk keeps its word, of the machine. A change is visible wholly or
+/// not at all. Concurrency: any thread may call anything; a read sees one revision, and no writer
+/// blocks a reader. Errors: kNotFound (map, CELL, job, constraint, revision), kAlreadyExists,
+/// kConflict, kPreconditionFailed, kCorruptData (the store's own bytes are damaged), kIo,
+/// kUnavailable (busy).
 class Store {
  public:
   virtual ~Store() = default;
 
-  /// Map names: 1 to 64 characters [a-z0-9_-], starting with a letter or digit (`validate_map_name`).
+  /// Map names: 1 to 64 characters [a-z0-9_-], starting with a letter or digit
+  /// (`validate_map_name`). Error{kAlreadyExists} where the name is taken, {kUnsupported} for an
+  /// unknown lattice.
   virtual MapInfo create_map(const std::string& name, const LatticeSpec& lattice) = 0;
+  /// Also its history and the bytes that no other map uses; jobs stay.
   virtual void delete_map(const std::string& name) = 0;
-  virtual std::vector<MapInfo> maps() const = 0;
+  virtual std::vector<MapInfo> maps() const = 0;  ///< by name
   virtual MapInfo map(const std::string& name) const = 0;
 
-  /// Applies an update. A CELL that is there already with the same id and hash is left alone; with
-  /// another hash, or its (session, sequence) under another id: Error{kConflict}. A lattice other than
-  /// the map's: Error{kInvalidArgument}.
+  /// Applies an update. A CELL that is there already with the same id and hash is left alone, its
+  /// pose too; with another hash, or its (session, sequence) under another id: Error{kConflict}. A
+  /// lattice other than the map's: Error{kInvalidArgument}. A CELL or constraint that is not there:
+  /// Error{kNotFound}. The encoded bytes are not looked into: who takes them from outside verifies
+  /// them before.
   virtual CommitResult commit(const std::string& map, const MapUpdate& update) = 0;
 
   virtual CellPage cells(const std::string& map, const CellQuery& query) const = 0;
   virtual CellRecord cell(const std::string& map, CellId id) const = 0;
-  /// The `count` CELLs whose current positions are nearest to `position`, nearest first.
+  /// The `count` <= 10,000 CELLs whose current positions are nearest to `position`, nearest first,
+  /// by id where equally far.
   virtual std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                           std::size_t count) const = 0;
-  /// The zstd frame of the encoded CELL.
+  /// The zstd frame of the encoded CELL, as it was written (checksum verified).
   virtual std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const = 0;
   /// Last CELL of a session (highest sequence), or nullopt.
-  virtual std::optional<CellRecord> last_cell(const std::string& map, const std::string& session) const = 0;
+  virtual std::optional<CellRecord> last_cell(const std::string& map,
+                                              const std::string& session) const = 0;
 
-  /// The pose graph at a revision (default: the current one).
-  virtual PoseGraph pose_graph(const std::string& map, std::optional<Revision> revision = {}) const = 0;
+  /// The pose graph at a revision (default: the current one). Every revision can be read for as
+  /// long as the map exists; Error{kNotFound} for one that is still to come.
+  virtual PoseGraph pose_graph(const std::string& map,
+                               std::optional<Revision> revision = {}) const = 0;
+  /// What leads from revision `since` to the newest; Error{kNotFound} for one that is still to come
+  /// (the map was deleted and made anew: start from 0).
   virtual MapChanges changes(const std::string& map, Revision since) const = 0;
-  /// The drive of a session as stretches in order of sequence.
-  virtual std::vector<CellScans> scans(const std::string& map, const std::string& session) const = 0;
+  /// The drive of a session as stretches in order of sequence; empty for an unknown session.
+  virtual std::vector<CellScans> scans(const std::string& map,
+                                       const std::string& session) const = 0;
 
-  virtual JobRecord create_job(JobRecord job) = 0;  ///< numbers it and stamps `created`
+  virtual JobRecord create_job(JobRecord job) = 0;  ///< numbers it and stamps `created`, `updated`
+  /// Replaces state, progress, error and `started`, and stamps `updated`. Map and kind never
+  /// change: Error{kConflict}; the request stays as it was.
   virtual void update_job(const JobRecord& job) = 0;
   virtual JobRecord job(JobId id) const = 0;
+  /// By id. A job names its map, which may not exist yet or any more.
   virtual std::vector<JobRecord> jobs(const std::optional<std::string>& map = {}) const = 0;
 
   /// Cheap proof that the store can be read and written (readiness). Throws as any call would.
