@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -74,6 +76,116 @@ TEST(Lattice, NearestIsWhatComparingAllDirectionsFinds) {
       ASSERT_EQ(lattice.nearest(d), twin.nearest(d)) << n << " at " << d.transpose();
     }
   }
+}
+
+/// The directions where an approximate lookup would go wrong first.
+std::vector<Eigen::Vector3d> hard_directions(const Lattice& lattice, std::mt19937_64& rng) {
+  std::vector<Eigen::Vector3d> hard = {{0, 0, 1}, {0, 0, -1}, {-1, 0, 0}, {-1, -0.0, 0.3}};
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const double n = lattice.size();
+  for (int i = 0; i < 300; ++i) {
+    // The seam of the azimuth, both signs of zero and the smallest steps beside it.
+    const double z = uniform(rng);
+    const double r = std::sqrt(1 - z * z);
+    for (const double y : {0.0, -0.0, 1e-300, -1e-300, 1e-16, -1e-16}) hard.push_back({-r, y, z});
+    // The poles' neighbourhood and the border of the caps.
+    for (const double spacings : {0.1, 1.0, 5.0, 7.99, 8.01, 9.0}) {
+      const double rho = std::min(1.0, spacings * std::sqrt(4 * std::numbers::pi / n));
+      const double azimuth = std::numbers::pi * uniform(rng);
+      hard.push_back({rho * std::cos(azimuth), rho * std::sin(azimuth),
+                      std::copysign(std::sqrt(1 - rho * rho), uniform(rng))});
+    }
+    // Half-way between lattice points that differ by a Fibonacci number: edges of patches.
+    const auto index = static_cast<std::uint32_t>((0.5 + 0.5 * uniform(rng)) * (n - 1));
+    for (std::uint32_t a = 1, b = 2; index + a < lattice.size(); std::swap(a, b), b += a) {
+      const Eigen::Vector3d p = lattice.direction(index), q = lattice.direction(index + a);
+      if ((p - q).norm() > 8 / std::sqrt(n)) continue;
+      for (const double t : {0.5, 0.5 + 1e-15, 0.5 - 1e-15, 0.5 + 1e-9}) {
+        hard.push_back((1 - t) * p + t * q);
+      }
+    }
+  }
+  return hard;
+}
+
+TEST(Lattice, NearestIsExactAtPolesSeamCapBordersAndPatchEdges) {
+  std::mt19937_64 rng(2);
+  for (const std::uint32_t n : {1'000U, 1'999U, 10'000U}) {
+    const Lattice lattice({LatticeKind::kFibonacci, n});
+    const BruteForce twin(lattice);
+    for (const Eigen::Vector3d& d : hard_directions(lattice, rng)) {
+      ASSERT_EQ(lattice.nearest(d), twin.nearest(d)) << n << " at " << d.transpose();
+    }
+  }
+}
+
+/// Lattice points around point `index`, found by comparing all.
+std::vector<Eigen::Vector3d> neighbours(const Lattice& lattice, std::uint32_t index) {
+  const Eigen::Vector3d p = lattice.direction(index);
+  const double reach = 7.5 / std::sqrt(static_cast<double>(lattice.size()));
+  const auto window = static_cast<std::uint32_t>(reach * lattice.size() / 2 + 2);
+  std::vector<Eigen::Vector3d> near;
+  for (std::uint32_t i = index > window ? index - window : 0;
+       i < lattice.size() && i <= index + window; ++i) {
+    const Eigen::Vector3d q = lattice.direction(i);
+    if (i != index && (q - p).norm() < reach) near.push_back(q);
+  }
+  return near;
+}
+
+/// Corners of the Voronoi cell of `p`: circumcentres of it and two neighbours that no other
+/// neighbour is nearer to.
+std::vector<Eigen::Vector3d> voronoi_corners(const Eigen::Vector3d& p,
+                                             const std::vector<Eigen::Vector3d>& near) {
+  std::vector<Eigen::Vector3d> corners;
+  for (std::size_t i = 0; i < near.size(); ++i) {
+    for (std::size_t j = i + 1; j < near.size(); ++j) {
+      Eigen::Vector3d c = (near[i] - p).cross(near[j] - p).normalized();
+      if (c.dot(p) < 0) c = -c;
+      const bool is_corner = std::none_of(
+          near.begin(), near.end(), [&](const auto& q) { return q.dot(c) > p.dot(c) + 1e-12; });
+      if (is_corner) corners.push_back(c);
+    }
+  }
+  return corners;
+}
+
+TEST(Lattice, EveryCornerOfSampledVoronoiCellsIsDecidedRightly) {
+  // Just inside a corner of its cell a lattice point is nearest, however little: this is as far
+  // from its lattice point as a direction can be, where a wrong choice of corners would show.
+  std::mt19937_64 rng(3);
+  for (const std::uint32_t n : {1'000U, 1'234U, 20'000U, 50'000U, 999'983U}) {
+    const Lattice lattice({LatticeKind::kFibonacci, n});
+    for (int sample = 0; sample < 300; ++sample) {
+      const std::uint32_t index = sample < 100 ? static_cast<std::uint32_t>(sample * 3)
+                                               : static_cast<std::uint32_t>(rng() % n);
+      const Eigen::Vector3d p = lattice.direction(index);
+      const std::vector<Eigen::Vector3d> corners = voronoi_corners(p, neighbours(lattice, index));
+      ASSERT_GE(corners.size(), 4U) << n << " point " << index;
+      for (const Eigen::Vector3d& corner : corners) {
+        ASSERT_EQ(lattice.nearest(corner + 1e-3 * (p - corner)), index) << n;
+      }
+    }
+  }
+}
+
+TEST(Lattice, ManyPointsAtOnceGiveWhatOneByOneGives) {
+  const Lattice lattice(LatticeSpec{});
+  std::mt19937_64 rng(4);
+  PointCloud cloud;
+  for (int i = 0; i < 5'000; ++i) cloud.push_back(30 * random_direction(rng).cast<float>());
+  std::vector<std::uint32_t> indices(cloud.size());
+  lattice.nearest(cloud, indices);
+  for (std::size_t i = 0; i < cloud.size(); ++i) {
+    ASSERT_EQ(indices[i], lattice.nearest(cloud[i].cast<double>()));
+  }
+}
+
+TEST(LatticeCache, GivesTheSameLatticeForTheSameSpec) {
+  LatticeCache cache;
+  const auto first = cache.get({LatticeKind::kFibonacci, 2'000});
+  EXPECT_EQ(first, cache.get({LatticeKind::kFibonacci, 2'000}));
+  EXPECT_NE(first, cache.get({LatticeKind::kFibonacci, 2'001}));
 }
 
 TEST(Lattice, SizesAndKindsItDoesNotKnowAreRefused) {

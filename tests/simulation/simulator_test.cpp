@@ -175,6 +175,23 @@ TEST(Simulator, DrivesTheSameTownInAnotherLane) {
   }
 }
 
+TEST(Simulator, HasOtherNoiseOnAnotherDay) {
+  SimulatorOptions options = short_drive(1);
+  options.lidar.beams = 1;
+  options.lidar.top_elevation_deg = options.lidar.bottom_elevation_deg = -60;  // the street alone
+  options.lidar.drop_out = 0;
+  const PointCloud today = scan_at(options, 0);
+  options.traffic_seed = 77;
+  const PointCloud other = scan_at(options, 0);
+
+  ASSERT_EQ(today.size(), other.size());
+  double squares = 0;
+  for (std::size_t i = 0; i < today.size(); ++i) squares += (today[i] - other[i]).squaredNorm();
+  // The difference of two independent draws has sqrt(2) times their deviation.
+  const double n = static_cast<double>(today.size());
+  EXPECT_NEAR(std::sqrt(squares / n), 0.02 * std::sqrt(2.0), 5 * 0.02 / std::sqrt(n));
+}
+
 TEST(Simulator, KnowsOtherSensorsByName) {
   for (const char* name : {"os1-64", "vlp16"}) {
     SimulatorOptions options = short_drive(1);

@@ -6,7 +6,6 @@
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/place/pose_search.hpp"
-#include "cellmap/pose_graph/information.hpp"
 
 namespace cellmap {
 namespace {
@@ -46,9 +45,9 @@ Constraint odometry_constraint(const FinishedCell& previous, const FinishedCell&
 
 /// The most likely pose given two measurements of it: where registration is weak (along a straight
 /// road), odometry decides, and the information says how well.
-void fuse(const RegistrationResult& registration, Constraint& constraint) {
+void fuse(const RegistrationResult& registration, const PoseSigma& floor, Constraint& constraint) {
   const Pose& T_registered = registration.T_target_source;
-  const Matrix6d measured = realistic_information(registration.information, T_registered);
+  const Matrix6d measured = realistic_information(registration.information, T_registered, floor);
   const Matrix6d sum = measured + constraint.information;
   const Tangent to_odometry = log(constraint.T_from_to * T_registered.inverse());
   const Tangent step = sum.ldlt().solve(constraint.information * to_odometry);
@@ -77,6 +76,8 @@ void MapperOptions::validate() const {
   registration.validate();
   acceptance.validate();
   odometry.validate();
+  require(registration_floor.translation_m > 0, "registration_floor.translation_m > 0");
+  require(registration_floor.rotation_rad > 0, "registration_floor.rotation_rad > 0");
   loops.validate();
   pose_graph.validate();
 }
@@ -134,7 +135,8 @@ struct Mapper::Impl {
           *previous->target, thinned(previous->base_scan, options.registration_points),
           *next.target, thinned(next.base_scan, options.registration_points), constraint.T_from_to,
           options.registration);
-      if (is_believable(result, constraint.T_from_to)) fuse(result, constraint);
+      if (is_believable(result, constraint.T_from_to))
+        fuse(result, options.registration_floor, constraint);
     }
     return {constraint};
   }

@@ -11,6 +11,7 @@
 #include "cellmap/cell/local_map.hpp"
 #include "cellmap/core/progress.hpp"
 #include "cellmap/place/loop_detection.hpp"
+#include "cellmap/pose_graph/information.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/registration/registration.hpp"
 #include "cellmap/scan/scan_source.hpp"
@@ -31,8 +32,8 @@ struct MapperOptions {
   double cell_distance_m = 6.0;  ///< a new CELL begins strictly beyond this from the last base pose
   ScanFilterOptions filter;
   CellBuildOptions build;
-  bool bidirectional = true;         ///< off: neighbours are tied by odometry alone
-  RegistrationOptions registration;  ///< of neighbouring CELLs
+  bool bidirectional = true;  ///< off: neighbours are tied by odometry alone
+  RegistrationOptions registration = default_place_registration();  ///< of neighbouring CELLs
   AcceptanceOptions acceptance;  ///< of neighbouring CELLs; refused: the odometry constraint stays
   /// A registration of neighbours that moves them farther than this from their odometry is refused.
   double max_correction_m = 1.0;
@@ -40,6 +41,8 @@ struct MapperOptions {
   /// Points of each base scan that register neighbours; more cost time and gain nothing measurable.
   std::size_t registration_points = 40'000;
   OdometryModel odometry;
+  /// What a registration of neighbours does not know of its own errors (FINDINGS section 3).
+  PoseSigma registration_floor;
   bool loop_closures = true;
   LoopOptions loops;
   PoseGraphOptions pose_graph;

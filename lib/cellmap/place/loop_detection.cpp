@@ -148,6 +148,7 @@ void LoopOptions::validate() const {
   require(max_reverse_difference_m > 0, "max_reverse_difference_m > 0");
   require(max_reverse_difference_deg > 0, "max_reverse_difference_deg > 0");
   acceptance.validate();
+  structure.validate();
   search_options(*this).validate();
 }
 
@@ -193,6 +194,9 @@ std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
     const RegistrationResult result =
         refine_pose(candidate, query_scan, found[i].T_target_source, search);
     if (is_acceptable(result, options.acceptance) &&
+        is_acceptable(score_structure(candidate, thinned(query_scan, options.refine_points),
+                                      result.T_target_source),
+                      options.structure) &&
         allowance.allows(guess.T_candidate_query, result.T_target_source) &&
         reverse_agrees(candidate, query, result.T_target_source, options)) {
       return LoopClosure{guess.cell, query_id, result};

@@ -8,6 +8,7 @@
 
 #include "cellmap/core/id.hpp"
 #include "cellmap/place/pose_search.hpp"
+#include "cellmap/place/structure_score.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/registration/registration.hpp"
 
@@ -51,8 +52,9 @@ struct LoopOptions {
   double max_reverse_difference_deg = 2.0;
   std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
   std::size_t refine_points = 30'000;
-  AcceptanceOptions acceptance;
-  RegistrationOptions registration;
+  AcceptanceOptions acceptance = default_place_acceptance();
+  StructureAcceptance structure;
+  RegistrationOptions registration = default_place_registration();
 
   void validate() const;
 };

@@ -137,6 +137,20 @@ std::optional<RegistrationResult> search_place(const RegistrationTarget& target,
   return std::nullopt;
 }
 
+/// Registers many points and says whether the pose is believed.
+void decide(const RegistrationTarget& target, const PointCloud& scan,
+            const std::optional<LocalPrior>& prior, const RelocaliseOptions& options,
+            RelocalisationCandidate& candidate) {
+  const PoseSearchOptions search = options.search();
+  candidate.registration =
+      refine_pose(target, scan, candidate.registration.T_target_source, search);
+  const Pose& T_cell_scan = candidate.registration.T_target_source;
+  candidate.structure = score_structure(target, thinned(scan, search.refine_points), T_cell_scan);
+  candidate.accepted = is_acceptable(candidate.registration, options.acceptance) &&
+                       is_acceptable(candidate.structure, options.structure) &&
+                       (!prior || prior->allows(T_cell_scan, 1.0, kGridStepRad));
+}
+
 /// Every place on few points; then the best few places on many points, which decide.
 std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& places,
                                                 const PointCloud& scan, const PoseGraph& graph,
@@ -162,18 +176,13 @@ std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& p
     return agreement(tried[a].registration.scores) > agreement(tried[b].registration.scores);
   });
   constexpr std::size_t kRefined = 4;
-  parallel_for(
-      std::min(kRefined, order.size()), 1, options.threads, [&](std::size_t k, std::size_t) {
-        RelocalisationCandidate& candidate = tried[order[k]];
-        if (candidate.registration.scores.points == 0) return;
-        candidate.registration = refine_pose(
-            *loaded[order[k]], scan, candidate.registration.T_target_source, options.search());
-        const auto& prior_here = local[order[k]];
-        candidate.accepted =
-            is_acceptable(candidate.registration, options.acceptance) &&
-            (!prior_here ||
-             prior_here->allows(candidate.registration.T_target_source, 1.0, kGridStepRad));
-      });
+  parallel_for(std::min(kRefined, order.size()), 1, options.threads,
+               [&](std::size_t k, std::size_t) {
+                 RelocalisationCandidate& candidate = tried[order[k]];
+                 if (candidate.registration.scores.points > 0) {
+                   decide(*loaded[order[k]], scan, local[order[k]], options, candidate);
+                 }
+               });
   std::vector<RelocalisationCandidate> ordered;
   for (const std::size_t i : order) {
     if (tried[i].registration.scores.points == 0) continue;
@@ -208,6 +217,7 @@ void RelocaliseOptions::validate() const {
   require(alternatives <= 1000, "alternatives <= 1000");
   require(threads >= 0, "threads >= 0");
   acceptance.validate();
+  structure.validate();
   search().validate();
 }
 

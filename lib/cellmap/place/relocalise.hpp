@@ -25,8 +25,9 @@ struct RelocaliseOptions {
   std::size_t alternatives = 3;       ///< rejected or second-best answers reported
   std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
   std::size_t refine_points = 30'000;
-  AcceptanceOptions acceptance;
-  RegistrationOptions registration;
+  AcceptanceOptions acceptance = default_place_acceptance();
+  StructureAcceptance structure;
+  RegistrationOptions registration = default_place_registration();
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 
   void validate() const;
@@ -39,6 +40,7 @@ struct RelocalisationCandidate {
   Pose T_map_scan = Pose::Identity();
   Pose T_cell_scan = Pose::Identity();
   RegistrationResult registration;
+  StructureScores structure;  ///< of the few places that were refined
   bool accepted = false;
 };
 

@@ -15,6 +15,13 @@ namespace {
 /// No plane and no point is trusted to be better than this, whatever the distances say.
 constexpr double kLeastDeviationM = 1e-3;
 
+/// What is left of the information about a degenerate motion.
+constexpr double kShareOfDegenerate = 1e-6;
+
+double largest_eigenvalue(const Eigen::Matrix3d& A) {
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(A).eigenvalues()[2];
+}
+
 struct PlaneMoments {
   double count = 0, sum = 0, sum_of_squares = 0;
 };
@@ -112,29 +119,35 @@ double median_range_m(std::span<const RegistrationTerm> terms, const PointSelect
   return *middle;
 }
 
-Degeneracy degeneracy_of(const Matrix6d& information, const Pose& T, double median_range_m,
+HeldMotions held_motions(const Matrix6d& information, const Pose& T, double median_range_m,
                          double degeneracy_share) {
-  Degeneracy degeneracy;
-  degeneracy.degenerate = true;
-  if (!(median_range_m > 0) || !(information.trace() > 0)) return degeneracy;
+  HeldMotions held;
+  held.degeneracy.degenerate = true;
+  if (!(median_range_m > 0) || !(information.trace() > 0)) return held;
   // A rotation in units of 1 / median range moves a typical point by about one unit, as a
   // translation does.
   Matrix6d A = about_scan_origin(T);
   A.rightCols<3>() /= median_range_m;
   const Matrix6d at_scan = A.transpose() * information * A;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> motions(at_scan);
+  const double strongest_translation = largest_eigenvalue(at_scan.topLeftCorner<3, 3>());
+  const double strongest_rotation = largest_eigenvalue(at_scan.bottomRightCorner<3, 3>());
 
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> all(at_scan);
-  Tangent weakest = all.eigenvectors().col(0);
-  const bool is_translation = weakest.head<3>().squaredNorm() >= 0.5;
-  const Eigen::Matrix3d kind =
-      is_translation ? at_scan.topLeftCorner<3, 3>() : at_scan.bottomRightCorner<3, 3>();
-  const double strongest = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(kind).eigenvalues()[2];
-  degeneracy.weakest_share =
-      strongest > 0 ? std::clamp(all.eigenvalues()[0] / strongest, 0.0, 1.0) : 0.0;
-  weakest.tail<3>() /= median_range_m;
-  degeneracy.weakest = weakest.normalized();
-  degeneracy.degenerate = degeneracy.weakest_share < degeneracy_share;
-  return degeneracy;
+  Tangent kept = motions.eigenvalues().cwiseMax(0.0);
+  for (int k = 5; k >= 0; --k) {  // the weakest last
+    const Tangent motion = motions.eigenvectors().col(k);
+    const double strongest =
+        motion.head<3>().squaredNorm() >= 0.5 ? strongest_translation : strongest_rotation;
+    held.degeneracy.weakest_share = strongest > 0 ? std::clamp(kept[k] / strongest, 0.0, 1.0) : 0.0;
+    held.degeneracy.degenerate = held.degeneracy.weakest_share < degeneracy_share;
+    if (held.degeneracy.degenerate) kept[k] *= kShareOfDegenerate;
+    held.degeneracy.weakest = motion;
+  }
+  held.degeneracy.weakest.tail<3>() /= median_range_m;
+  held.degeneracy.weakest.normalize();
+  const Matrix6d from_target = motions.eigenvectors().transpose() * A.inverse();
+  held.information = from_target.transpose() * kept.asDiagonal() * from_target;
+  return held;
 }
 
 }  // namespace cellmap

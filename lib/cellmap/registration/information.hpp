@@ -29,9 +29,14 @@ Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const
 Matrix6d with_systematic_deviation(const Matrix6d& information, const Pose& T,
                                    const RegistrationOptions& options);
 
-/// What the information says about the weakest motion about the scan's origin.
-/// `median_range_m` turns rotations into the displacements they cause.
-Degeneracy degeneracy_of(const Matrix6d& information, const Pose& T, double median_range_m,
+/// The weakest motion about the scan's origin, and the information without what only seems to hold
+/// degenerate motions: noisy normals point a little along every motion, also along those that the
+/// true surfaces leave free. `median_range_m` turns rotations into the displacements they cause.
+struct HeldMotions {
+  Degeneracy degeneracy;
+  Matrix6d information = Matrix6d::Zero();
+};
+HeldMotions held_motions(const Matrix6d& information, const Pose& T, double median_range_m,
                          double degeneracy_share);
 
 /// Median range of every selected point of all scans; 0 where there are none.

@@ -108,9 +108,10 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const
   result.scores = scores_of(hits);
   result.rmse_m = inlier_rmse_m(hits);
   const Matrix6d information = information_of(terms, hits, result.T_target_source, selection);
-  result.degeneracy =
-      degeneracy_of(information, result.T_target_source, range_m, options.degeneracy_share);
-  result.information = with_systematic_deviation(information, result.T_target_source, options);
+  const HeldMotions held =
+      held_motions(information, result.T_target_source, range_m, options.degeneracy_share);
+  result.degeneracy = held.degeneracy;
+  result.information = with_systematic_deviation(held.information, result.T_target_source, options);
   return result;
 }
 

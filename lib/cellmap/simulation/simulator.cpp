@@ -1,6 +1,7 @@
 #include "cellmap/simulation/simulator.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -95,6 +96,7 @@ class SimulatedDrive final : public ScanSource {
       odometry_.resize(options.scans);
     }
     truth_ = Trajectory(std::move(truth));
+    noise_seed_ = noise_seed();
     for (int model = 0; model < kVehicleModels; ++model) {
       TriangleMesh mesh;
       add_vehicle(model, MeshBuilder(mesh, Pose::Identity()));
@@ -139,6 +141,12 @@ class SimulatedDrive final : public ScanSource {
     return estimate_from_file(options_, route_, truth);
   }
 
+  /// Another day or another lane has noise of its own, else a scan would find its noise in the map.
+  std::uint64_t noise_seed() const {
+    const std::uint64_t day = sub_seed(sub_seed(options_.seed, kNoiseSeed), traffic_seed());
+    return sub_seed(day, std::bit_cast<std::uint64_t>(options_.lateral_offset_m + 0.0));
+  }
+
   PointCloud sweep(std::size_t index) {
     const Pose& T_world_sensor = truth_[index].pose;
     const Eigen::Vector3d p = T_world_sensor.translation();
@@ -157,7 +165,7 @@ class SimulatedDrive final : public ScanSource {
   /// seed of its own, so a scan does not depend on those before it.
   PointCloud measured(std::size_t index) const {
     const LidarModel& lidar = options_.lidar;
-    const std::uint64_t seed = sub_seed(sub_seed(options_.seed, kNoiseSeed), index);
+    const std::uint64_t seed = sub_seed(noise_seed_, index);
     PointCloud points;
     points.reserve(hits_.size());
     for (std::size_t ray = 0; ray < hits_.size(); ++ray) {
@@ -185,6 +193,7 @@ class SimulatedDrive final : public ScanSource {
   std::vector<RayCaster::Hit> hits_;
   Trajectory truth_;
   Route odometry_;
+  std::uint64_t noise_seed_ = 0;
   std::size_t next_ = 0;
 };
 

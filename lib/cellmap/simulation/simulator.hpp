@@ -47,20 +47,33 @@ struct SimulatorOptions {
   /// Lateral offset of the driven line from the route, to the left [m]: another lane; -2 to 4, the
   /// strip that is kept free of standing things. The town does not depend on it.
   double lateral_offset_m = 0;
-  /// Seed of moved and parked cars, so that another day has the same town but other cars. 0:
-  /// `seed`.
+  /// Seed of moved and parked cars, so that another day has the same town but other cars and, like
+  /// another lane, noise of its own. 0: `seed`.
   std::uint64_t traffic_seed = 0;
 
   void validate() const;
 };
 
 /// A deterministic synthetic town along a route, seen by a simulated LiDAR. The same options give
-/// the same bytes. Figures from it are simulated figures. Streams: one scan in memory at a time.
+/// the same bytes for any thread count, and scan i the same bytes whether reached by `next` or
+/// `seek`. Figures from it are simulated figures.
+///
+/// World frame: z up; the town's route starts within a few centimetres of the identity, a file's
+/// where the file says. The sensor is `mount_height_m` above the ground, with the roll, pitch and
+/// yaw of the route; where passes of one place disagree in height they are reconciled, so that
+/// `ground_truth` may differ in z from the file (an estimate is moved with it and keeps its error).
+/// A scan is instantaneous: it has no sweep distortion, and moving cars stand still in it. Points
+/// are ordered beam by beam from the top. A route file gives one scan a row, at the row's stamp.
+///
+/// Streams: memory holds the route's poses, the town's plan (about 100 B an object) and the
+/// triangles within reach of the sensor, which do not grow with the route.
+/// Throws Error{kInvalidArgument} or {kNotFound} for options, and what reading a trajectory throws.
 std::unique_ptr<ScanSource> simulate(const SimulatorOptions& options);
 
 /// Writes any source as a KITTI-layout folder: velodyne/NNNNNN.bin, times.txt, poses.txt (odometry)
 /// and poses_gt.txt (truth, where there is one), both KITTI rows in the sensor frame (no
-/// calib.txt). Throws Error{kAlreadyExists} where `folder` holds scans already.
+/// calib.txt). Throws Error{kAlreadyExists} where `folder` holds scans, times or poses already,
+/// {kCancelled}, {kIo}; whatever it wrote is removed again when it throws.
 void write_dataset(ScanSource& source, const std::filesystem::path& folder,
                    const std::stop_token& stop = {}, const ProgressCallback& progress = {});
 

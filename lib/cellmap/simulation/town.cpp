@@ -14,11 +14,10 @@ using Side = double;
 constexpr Side kRight = -1, kLeft = 1;
 
 /// Where parked cars begin.
-constexpr double kerb_m(Side side) {
-  return (side == kRight ? kClearRight_m : kClearLeft_m) + 0.3;
-}
+constexpr double kerb_m(Side side) { return (side == kRight ? kClearRight_m : kClearLeft_m) + 0.3; }
 
-/// Where things of one kind stand: the distance of their near edge from the driven line.
+/// Puts things beside the street where there is room, in the order asked: who comes first has the
+/// place.
 class Planner {
  public:
   Planner(const Centreline& line, const Ground& ground) : line_(line), ground_(ground) {

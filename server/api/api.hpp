@@ -1,0 +1,79 @@
+#pragma once
+
+#include <spdlog/logger.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <memory>
+#include <semaphore>
+#include <string>
+
+#include "server/api/message.hpp"
+#include "server/api/router.hpp"
+#include "server/jobs/job_queue.hpp"
+#include "server/metrics.hpp"
+
+namespace cellmap::server {
+
+struct ApiOptions {
+  std::string openapi;      ///< text of schema/openapi.yaml
+  int threads = 0;          ///< of one relocalisation or optimisation; 0: all
+  int relocalisations = 2;  ///< that run at a time; others wait up to `relocalisation_wait`
+  std::chrono::milliseconds relocalisation_wait = std::chrono::seconds(10);
+  int max_followers = 64;  ///< clients that follow jobs at a time
+  std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
+  MapsOptions maps;
+  JobQueueOptions jobs;
+};
+
+/// What handlers work with.
+struct Services {
+  Services(Store& store, std::shared_ptr<spdlog::logger> log, ApiOptions options);
+
+  ApiOptions options;
+  std::shared_ptr<spdlog::logger> log;
+  Store& store;
+  Metrics metrics;
+  Maps maps;
+  JobQueue jobs;
+  std::counting_semaphore<> relocalisations;
+  std::atomic<int> followers = 0;
+};
+
+/// The HTTP API as a function from request to response; schema/openapi.yaml describes it. Knows no
+/// socket. `handle` is thread safe and never throws; it blocks as long as the work takes.
+/// The store must outlive the API.
+class Api {
+ public:
+  explicit Api(Store& store, ApiOptions options = {}, std::shared_ptr<spdlog::logger> log = {});
+  ~Api();
+
+  Response handle(const Request& request);
+
+  /// How many bytes of body a request may bring: known from its first line, before it is read.
+  std::size_t max_body(const std::string& method, const std::string& target) const;
+
+  /// Ends jobs (they go on at the next start) and event streams. Requests are still answered.
+  void stop();
+
+  const Router& router() const { return router_; }
+
+ private:
+  Response answer(const Request& request, std::string& route_name);
+
+  std::unique_ptr<Services> services_;
+  Router router_;
+};
+
+// One file a resource.
+void add_service_routes(Router& router, Services& services);
+void add_map_routes(Router& router, Services& services);
+void add_cell_routes(Router& router, Services& services);
+void add_cell_batch_route(Router& router, Services& services);
+void add_pose_graph_routes(Router& router, Services& services);
+void add_relocalise_route(Router& router, Services& services);
+void add_loop_routes(Router& router, Services& services);
+void add_job_routes(Router& router, Services& services);
+
+}  // namespace cellmap::server

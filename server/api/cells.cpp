@@ -1,0 +1,244 @@
+#include <array>
+#include <cstdio>
+
+#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/zstd.hpp"
+#include "cellmap/core/error.hpp"
+#include "server/api/api.hpp"
+#include "server/api/conditions.hpp"
+#include "server/api/problem.hpp"
+#include "server/api/text.hpp"
+
+// /v1/maps/{map}/cells and /v1/maps/{map}/cells/{cell}.
+
+namespace cellmap::server {
+namespace {
+
+constexpr const char* kCellType = "application/vnd.cellmap.cell";
+
+CellQuery read_query(const Call& call) {
+  CellQuery query;
+  if (const auto near = call.query_numbers("near", 3)) {
+    query.near = Eigen::Vector3d((*near)[0], (*near)[1], (*near)[2]);
+  }
+  const auto radius = call.query_number("radius", 0, 1e7);
+  if (query.near.has_value() != radius.has_value() || (radius && *radius <= 0)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "'near' and 'radius' (above 0) go together: near=x,y,z&radius=30.");
+  }
+  query.radius_m = radius.value_or(0);
+  if (const auto box = call.query_numbers("bbox", 6)) {
+    const Eigen::Vector3d min((*box)[0], (*box)[1], (*box)[2]);
+    const Eigen::Vector3d max((*box)[3], (*box)[4], (*box)[5]);
+    if ((min.array() > max.array()).any()) {
+      throw Error(ErrorCode::kInvalidArgument,
+                  "'bbox' is x0,y0,z0,x1,y1,z1 with every minimum at most its maximum.");
+    }
+    query.box = Eigen::AlignedBox3d(min, max);
+  }
+  query.session = call.query("session");
+  query.since = call.query_integer("since", 0, INT64_MAX).value_or(0);
+  query.limit = call.query_integer("limit", 1, 10'000).value_or(query.limit);
+  query.cursor = call.query("cursor").value_or("");
+  return query;
+}
+
+Response list(Services& services, const Call& call) {
+  const CellPage page = services.store.cells(call.path("map"), read_query(call));
+  Json cells = Json::array();
+  for (const auto& cell : page.cells) cells.push_back(to_json(cell));
+  Json cursor;
+  if (!page.next_cursor.empty()) cursor = page.next_cursor;
+  return json_response(
+      {{"revision", page.revision}, {"cells", std::move(cells)}, {"next_cursor", cursor}});
+}
+
+Json cell_document(const CellRecord& record, const Cell& cell) {
+  Json planes = Json::array();
+  for (const auto& p : cell.planes) planes.push_back({p.distance_m, p.nx, p.ny, p.nz});
+  const auto& s = cell.statistics;
+  return {{"id", record.id.value},
+          {"hash", to_hex(record.hash)},
+          {"lattice", to_json(cell.lattice)},
+          {"session", cell.session},
+          {"sequence", cell.sequence},
+          {"T_odom_cell", to_json(cell.T_odom_cell)},
+          {"T_map_cell", to_json(record.T_map_cell)},
+          {"first_stamp", cell.first_stamp},
+          {"last_stamp", cell.last_stamp},
+          {"first_scan", cell.first_scan},
+          {"scan_count", cell.scan_count},
+          {"statistics",
+           {{"points", s.points},
+            {"points_in_planes", s.points_in_planes},
+            {"patches_hit", s.patches_hit},
+            {"rejected_few_points", s.rejected_few_points},
+            {"rejected_gap", s.rejected_gap},
+            {"rejected_planarity", s.rejected_planarity},
+            {"rejected_grazing", s.rejected_grazing}}},
+          {"indices", cell.indices},
+          {"planes", std::move(planes)}};
+}
+
+std::string pose_header(const Pose& pose) {
+  std::string text;
+  for (const double value : to_xyz_qxyzw(pose)) {
+    std::array<char, 32> number{};
+    std::snprintf(number.data(), number.size(), "%.17g", value);
+    if (!text.empty()) text += ' ';
+    text += number.data();
+  }
+  return text;
+}
+
+/// The three forms of a CELL, each with its own entity tag.
+struct CellTags {
+  explicit CellTags(const ContentHash& hash)
+      : identity('"' + to_hex(hash) + '"'),
+        zstd('"' + to_hex(hash) + "-zstd\""),
+        json('"' + to_hex(hash) + "-json\"") {}
+  std::string identity, zstd, json;
+};
+
+/// The FlatBuffers form: the stored zstd frame as it is where the client takes it, else the whole
+/// or a range of the bytes.
+Response binary_cell(Services& services, const Call& call, const CellRecord& record,
+                     const CellTags& tags, Response response) {
+  response.headers.set("Content-Type", kCellType);
+  const auto frame = services.store.compressed_cell(call.path("map"), record.id);
+  auto range = call.header("Range");
+  if (const auto condition = call.header("If-Range")) {
+    if (*condition != tags.identity) range.reset();
+  }
+  if (!range && accepts_coding(call.header("Accept-Encoding"), "zstd")) {
+    response.headers.set("ETag", tags.zstd);
+    response.headers.set("Content-Encoding", "zstd");
+    response.body = SharedBytes{frame, 0, frame->size()};
+    return response;
+  }
+  response.headers.set("ETag", tags.identity);
+  response.headers.set("Accept-Ranges", "bytes");
+  auto bytes = std::make_shared<const Bytes>(zstd_decompress(*frame, kMaxCellBytes));
+  const auto asked = range ? parse_range(*range, bytes->size()) : RangeRequest{};
+  if (!asked.satisfiable) return range_not_satisfiable(bytes->size());
+  const ByteRange part = asked.range.value_or(ByteRange{0, bytes->size()});
+  if (asked.range) {
+    response.status = 206;
+    response.headers.set("Content-Range", "bytes " + std::to_string(part.offset) + "-" +
+                                              std::to_string(part.offset + part.length - 1) + "/" +
+                                              std::to_string(bytes->size()));
+  }
+  response.body = SharedBytes{std::move(bytes), part.offset, part.length};
+  return response;
+}
+
+Response get(Services& services, const Call& call) {
+  const std::vector<std::string> types{kCellType, "application/json"};
+  const auto type = negotiate(call.header("Accept"), types);
+  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  const auto& map = call.path("map");
+  const CellRecord record = services.store.cell(map, CellId{call.path_id("cell")});
+  const CellTags tags(record.hash);
+
+  Response response;
+  response.headers.set("Cache-Control", "public, max-age=31536000, immutable");
+  response.headers.set("Vary", "Accept, Accept-Encoding");
+  response.headers.set("CELLmap-Pose", pose_header(record.T_map_cell));
+  response.headers.set("CELLmap-Revision", std::to_string(services.store.map(map).revision));
+  const bool as_json = *type == "application/json";
+  const auto condition = call.header("If-None-Match");
+  if (condition && matches_etag(*condition, std::array{tags.identity, tags.zstd, tags.json})) {
+    const bool zstd = accepts_coding(call.header("Accept-Encoding"), "zstd");
+    response.headers.set("ETag", as_json ? tags.json : zstd ? tags.zstd : tags.identity);
+    response.status = 304;
+    return response;
+  }
+  if (!as_json) return binary_cell(services, call, record, tags, std::move(response));
+  response.headers.set("Content-Type", "application/json");
+  response.headers.set("ETag", tags.json);
+  response.body = dump(cell_document(record, load_cell(services.store, map, record.id)));
+  return response;
+}
+
+std::optional<CellRecord> find_cell(const Store& store, const std::string& map, CellId id) {
+  try {
+    return store.cell(map, id);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kNotFound) throw;
+    return std::nullopt;
+  }
+}
+
+/// Answers a PUT of a CELL that is there, or nullopt where there is none.
+std::optional<Response> answer_existing(Services& services, const Call& call, CellId id,
+                                        const ContentHash& hash) {
+  const auto existing = find_cell(services.store, call.path("map"), id);
+  if (!existing) return std::nullopt;
+  if (call.header("If-None-Match") == "*") {
+    throw Error(ErrorCode::kPreconditionFailed, "There is a CELL by this id already.");
+  }
+  if (existing->hash != hash) {
+    throw Error(ErrorCode::kConflict,
+                "A CELL never changes, and the one by this id has other content (" +
+                    to_hex(existing->hash) + ").");
+  }
+  Json json = to_json(*existing);
+  json["revision"] = services.store.map(call.path("map")).revision;
+  return json_response(json);
+}
+
+Response put(Services& services, const Call& call) {
+  const auto& map = call.path("map");
+  const auto state = services.maps.open(map);
+  const CellId id{call.path_id("cell")};
+  call.content_type({kCellType});
+  const std::string body = call.content(kMaxCellBytes);
+  auto cell = std::make_shared<const Cell>(decode_cell(as_bytes(body)));
+  Pose T_map_cell = cell->T_odom_cell;
+  if (const auto header = call.header("CELLmap-Pose")) {
+    const auto numbers = parse_numbers(*header, ' ', 7, "CELLmap-Pose");
+    T_map_cell = pose_from_xyz_qxyzw(std::span<const double, 7>(numbers.data(), 7));
+  }
+  const auto bytes = as_bytes(body);
+  NewCell added{.id = id,
+                .cell = cell,
+                .encoded = {verified_hash(bytes), Bytes(bytes.begin(), bytes.end())},
+                .T_map_cell = T_map_cell,
+                .scans = {},
+                .raw_points = 0};
+
+  const std::lock_guard lock(state->writer());
+  if (auto answer = answer_existing(services, call, id, added.encoded.hash)) {
+    return *std::move(answer);
+  }
+  if (services.jobs.is_running(map)) {
+    throw Error(ErrorCode::kConflict, "A job writes to this map; add the CELL when it has ended.");
+  }
+  MapUpdate update;
+  update.cells.push_back(std::move(added));
+  const auto committed = services.store.commit(map, update);
+  services.metrics.cells_committed(1);
+  Json json = to_json(services.store.cell(map, id));
+  json["revision"] = committed.revision;
+  Response response = json_response(json, 201);
+  response.headers.set("Location", "/v1/maps/" + map + "/cells/" + std::to_string(id.value));
+  return response;
+}
+
+}  // namespace
+
+void add_cell_routes(Router& router, Services& services) {
+  const std::vector<std::string> json{"application/json"};
+  router.add({"GET",
+              "/v1/maps/{map}/cells",
+              {"near", "radius", "bbox", "since", "session", "limit", "cursor"},
+              0,
+              json,
+              [&](const Call& call) { return list(services, call); }});
+  const std::string one = "/v1/maps/{map}/cells/{cell}";
+  router.add({"GET", one, {}, 0, {}, [&](const Call& call) { return get(services, call); }});
+  router.add(
+      {"PUT", one, {}, kMaxCellBytes, json, [&](const Call& call) { return put(services, call); }});
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,126 @@
+#include "server/api/conditions.hpp"
+
+#include <algorithm>
+
+#include "server/api/text.hpp"
+
+namespace cellmap::server {
+namespace {
+
+/// An element of a list such as Accept: its name and its quality.
+struct Weighted {
+  std::string_view name;
+  double quality = 1;
+};
+
+std::vector<Weighted> parse_weighted(std::string_view header) {
+  std::vector<Weighted> list;
+  for (const auto element : split(header, ',')) {
+    const auto parts = split(element, ';');
+    if (parts.empty() || parts[0].empty()) continue;
+    Weighted weighted{parts[0]};
+    for (const auto part : std::span(parts).subspan(1)) {
+      if (!part.starts_with("q=") && !part.starts_with("Q=")) continue;
+      weighted.quality = std::clamp(parse_number(part.substr(2)).value_or(0), 0.0, 1.0);
+    }
+    list.push_back(weighted);
+  }
+  return list;
+}
+
+/// 3: the type itself, 2: its "type/*", 1: "*/*", 0: no match. More specific wins (RFC
+/// 9110, 12.5.1).
+int specificity(std::string_view pattern, std::string_view type) {
+  if (equal_no_case(pattern, type)) return 3;
+  if (pattern == "*/*") return 1;
+  if (!pattern.ends_with("/*")) return 0;
+  const auto prefix = pattern.substr(0, pattern.size() - 1);
+  return equal_no_case(prefix, type.substr(0, prefix.size())) ? 2 : 0;
+}
+
+double quality_of(std::string_view type, std::span<const Weighted> accept) {
+  int best = 0;
+  double quality = 0;
+  for (const auto& element : accept) {
+    const int match = specificity(element.name, type);
+    if (match <= best) continue;
+    best = match;
+    quality = element.quality;
+  }
+  return quality;
+}
+
+std::optional<double> coding_quality(std::string_view name, std::span<const Weighted> list) {
+  const auto* found = std::ranges::find_if(
+      list.data(), list.data() + list.size(),
+      [&](const Weighted& element) { return equal_no_case(element.name, name); });
+  if (found == list.data() + list.size()) return std::nullopt;
+  return found->quality;
+}
+
+}  // namespace
+
+bool matches_etag(std::string_view if_none_match, std::span<const std::string> etags) {
+  for (auto tag : split(if_none_match, ',')) {
+    if (tag == "*") return true;
+    if (tag.starts_with("W/")) tag.remove_prefix(2);
+    if (std::ranges::find(etags, tag) != etags.end()) return true;
+  }
+  return false;
+}
+
+RangeRequest parse_range(std::string_view header, std::size_t size) {
+  constexpr std::string_view kUnit = "bytes=";
+  if (header.size() < kUnit.size() || !equal_no_case(header.substr(0, kUnit.size()), kUnit)) {
+    return {};
+  }
+  const auto ranges = split(header.substr(kUnit.size()), ',');
+  if (ranges.size() != 1) return {};
+  const auto dash = ranges[0].find('-');
+  if (dash == std::string_view::npos) return {};
+  const auto first = parse_unsigned(ranges[0].substr(0, dash));
+  const auto last = parse_unsigned(ranges[0].substr(dash + 1));
+  const bool has_first = dash > 0, has_last = dash + 1 < ranges[0].size();
+  if (has_first != first.has_value() || has_last != last.has_value()) return {};
+  if (!first && !last) return {};
+  if (!first) {  // the last N bytes
+    const std::size_t length = std::min<std::size_t>(*last, size);
+    if (length == 0) return {.satisfiable = false, .range = {}};
+    return {.satisfiable = true, .range = ByteRange{size - length, length}};
+  }
+  if (last && *last < *first) return {};
+  if (*first >= size) return {.satisfiable = false, .range = {}};
+  const std::size_t end = last ? std::min<std::size_t>(*last, size - 1) : size - 1;
+  return {.satisfiable = true, .range = ByteRange{*first, end - *first + 1}};
+}
+
+std::optional<std::string> negotiate(const std::optional<std::string>& accept,
+                                     std::span<const std::string> available) {
+  if (!accept || trimmed(*accept).empty()) return available.front();
+  const auto list = parse_weighted(*accept);
+  std::optional<std::string> best;
+  double best_quality = 0;
+  for (const auto& type : available) {
+    const double quality = quality_of(type, list);
+    if (quality <= best_quality) continue;
+    best = type;
+    best_quality = quality;
+  }
+  return best;
+}
+
+bool accepts_coding(const std::optional<std::string>& accept_encoding, std::string_view coding) {
+  if (!accept_encoding) return false;
+  const auto list = parse_weighted(*accept_encoding);
+  auto quality = coding_quality(coding, list);
+  if (!quality) quality = coding_quality("*", list);
+  return quality.value_or(0) > 0 && *quality >= coding_quality("identity", list).value_or(0);
+}
+
+std::string media_type(std::string_view content_type) {
+  std::string type(trimmed(content_type.substr(0, content_type.find(';'))));
+  std::ranges::transform(type, type.begin(), [](unsigned char c) { return std::tolower(c); });
+  return type;
+}
+
+}  // namespace cellmap::server

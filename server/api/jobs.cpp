@@ -1,0 +1,186 @@
+#include <algorithm>
+#include <thread>
+
+#include "cellmap/codec/scan_codec.hpp"
+#include "cellmap/core/error.hpp"
+#include "server/api/api.hpp"
+#include "server/api/problem.hpp"
+
+// /v1/maps/{map}/jobs and /v1/jobs/{job} with events, scans and complete.
+
+namespace cellmap::server {
+namespace {
+
+constexpr const char* kScanType = "application/vnd.cellmap.scan";
+constexpr std::size_t kMaxJobBody = 64u << 10;
+constexpr std::size_t kMaxScanBody = 33u << 20;
+constexpr std::chrono::milliseconds kShortestEventInterval(100);
+
+template <typename T>
+Json number_or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json();
+}
+
+Json to_json(const JobView& job) {
+  const auto& record = job.record;
+  Json progress, error;
+  if (record.state == JobState::kSucceeded) {
+    progress = 1.0;
+  } else if (record.scans_total > 0) {
+    progress = std::min(
+        1.0, static_cast<double>(record.scans_done) / static_cast<double>(record.scans_total));
+  }
+  if (!record.error_code.empty()) {
+    error = {{"code", record.error_code}, {"message", record.error_message}};
+  }
+  return {{"id", record.id.value},
+          {"map", record.map},
+          {"kind", record.kind},
+          {"state", to_string(record.state)},
+          {"session", job.session},
+          {"scans_done", record.scans_done},
+          {"scans_total", record.scans_total},
+          {"cells_done", record.cells_done},
+          {"progress", progress},
+          {"scans_per_second", job.scans_per_second},
+          {"eta_s", number_or_null(job.eta_s)},
+          {"next_scan", number_or_null(job.next_scan)},
+          {"error", error},
+          {"created", rfc3339(record.created)},
+          {"updated", rfc3339(std::max(record.updated, record.created))}};
+}
+
+JobId job_id(const Call& call) { return JobId{call.path_id("job")}; }
+
+Response list(Services& services, const Call& call) {
+  Json jobs = Json::array();
+  for (const auto& job : services.jobs.jobs(call.path("map"))) jobs.push_back(to_json(job));
+  return json_response({{"jobs", std::move(jobs)}});
+}
+
+Response create(Services& services, const Call& call) {
+  validate_map_name(call.path("map"));
+  const JobView job = services.jobs.submit(call.path("map"), call.json());
+  Response response = json_response(to_json(job), 202);
+  response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
+  return response;
+}
+
+Response put_scan(Services& services, const Call& call) {
+  const JobId id = job_id(call);
+  const std::uint32_t index = call.path_id("index");
+  const auto expected = services.jobs.job(id).next_scan;
+  call.content_type({kScanType});
+  PosedScan scan = decode_scan(as_bytes(call.content(kMaxScanBody)));
+  scan.index = index;
+  switch (services.jobs.put_scan(id, std::move(scan))) {
+    case UploadSource::Put::kTaken:
+    case UploadSource::Put::kHadAlready:
+      break;
+    case UploadSource::Put::kOutOfOrder:
+      return problem(ErrorCode::kConflict,
+                     "Scans come in order: expected scan " + std::to_string(*expected) +
+                         ", found " + std::to_string(index) + ".",
+                     expected);
+    case UploadSource::Put::kFull:
+      return problem(ErrorCode::kUnavailable, "The job works on earlier scans; send it again.",
+                     expected);
+    case UploadSource::Put::kEnded:
+      return problem(ErrorCode::kConflict, "The upload was completed; no scan can follow.",
+                     expected);
+  }
+  Response response;
+  response.status = 204;
+  return response;
+}
+
+/// One client that follows a job; at most `max_followers` at a time.
+class Follower {
+ public:
+  explicit Follower(Services& services) : services_(services) {
+    const int count = ++services_.followers;
+    if (count > services_.options.max_followers) {
+      --services_.followers;
+      throw Error(ErrorCode::kUnavailable, "Too many clients follow jobs; poll the job instead.");
+    }
+    services_.metrics.set_followers(count);
+  }
+  ~Follower() { services_.metrics.set_followers(--services_.followers); }
+  Follower(const Follower&) = delete;
+  Follower& operator=(const Follower&) = delete;
+
+ private:
+  Services& services_;
+};
+
+/// The stream of one follower: its state between two pieces.
+class Events {
+ public:
+  Events(Services& services, JobId id) : services_(services), follower_(services), id_(id) {}
+
+  bool next(std::string& chunk) {
+    std::this_thread::sleep_until(last_ + kShortestEventInterval);
+    const JobView job = services_.jobs.wait(id_, seen_, services_.options.heartbeat);
+    last_ = std::chrono::steady_clock::now();
+    if (is_final(job.record.state)) {
+      chunk += "event: end\ndata: " + dump(to_json(job)) + "\n\n";
+      return false;
+    }
+    if (services_.jobs.is_stopping()) return false;
+    if (job.version == seen_) {
+      chunk += ": still here\n\n";
+    } else {
+      chunk += "event: progress\ndata: " + dump(to_json(job)) + "\n\n";
+    }
+    seen_ = job.version;
+    return true;
+  }
+
+ private:
+  Services& services_;
+  Follower follower_;
+  JobId id_;
+  std::uint64_t seen_ = 0;
+  std::chrono::steady_clock::time_point last_{};
+};
+
+Response events(Services& services, const Call& call) {
+  const JobId id = job_id(call);
+  services.jobs.job(id);
+  Response response;
+  response.headers.set("Content-Type", "text/event-stream");
+  response.headers.set("Cache-Control", "no-store");
+  if (call.method() == "HEAD") return response;
+  response.body = [events = std::make_shared<Events>(services, id)](std::string& chunk) {
+    return events->next(chunk);
+  };
+  return response;
+}
+
+}  // namespace
+
+void add_job_routes(Router& router, Services& services) {
+  const std::vector<std::string> json{"application/json"};
+  const std::string of_map = "/v1/maps/{map}/jobs", one = "/v1/jobs/{job}";
+  router.add({"GET", of_map, {}, 0, json, [&](const Call& call) { return list(services, call); }});
+  router.add({"POST", of_map, {}, kMaxJobBody, json, [&](const Call& call) {
+                return create(services, call);
+              }});
+  router.add({"GET", one, {}, 0, json, [&](const Call& call) {
+                return json_response(to_json(services.jobs.job(job_id(call))));
+              }});
+  router.add({"DELETE", one, {}, 0, json, [&](const Call& call) {
+                return json_response(to_json(services.jobs.cancel(job_id(call))), 202);
+              }});
+  router.add({"GET", one + "/events", {}, 0, {"text/event-stream"}, [&](const Call& call) {
+                return events(services, call);
+              }});
+  router.add({"PUT", one + "/scans/{index}", {}, kMaxScanBody, {}, [&](const Call& call) {
+                return put_scan(services, call);
+              }});
+  router.add({"POST", one + "/complete", {}, 1024, json, [&](const Call& call) {
+                return json_response(to_json(services.jobs.complete(job_id(call))), 202);
+              }});
+}
+
+}  // namespace cellmap::server

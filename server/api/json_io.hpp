@@ -1,0 +1,75 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "cellmap/core/stamp.hpp"
+#include "cellmap/geometry/lattice.hpp"
+#include "cellmap/geometry/pose.hpp"
+#include "cellmap/pose_graph/pose_graph.hpp"
+#include "cellmap/registration/registration.hpp"
+#include "cellmap/store/store.hpp"
+#include "server/api/message.hpp"
+
+namespace cellmap::server {
+
+using Json = nlohmann::ordered_json;
+
+/// Reads a JSON text from outside: at most 16 levels deep, no duplicate keys. Throws
+/// Error{kInvalidArgument}. The size was bounded when it was read.
+Json parse_json(std::string_view text);
+
+/// Never throws for bytes that are not UTF-8: they become U+FFFD.
+std::string dump(const Json& json);
+Response json_response(const Json& json, int status = 200);
+
+/// Reads the members of an object and refuses unknown ones, naming what it expected.
+/// Every reader throws Error{kInvalidArgument}.
+class ObjectReader {
+ public:
+  ObjectReader(const Json& json, std::string name);
+
+  bool has(const std::string& key) const { return json_.contains(key); }
+  std::optional<std::string> text(const std::string& key);
+  std::optional<bool> boolean(const std::string& key);
+  std::optional<double> number(const std::string& key);
+  std::optional<std::uint64_t> integer(const std::string& key, std::uint64_t max);
+  std::optional<Pose> pose(const std::string& key);
+  std::optional<Matrix6d> matrix(const std::string& key);
+  const Json* array(const std::string& key, std::size_t max_size);
+  const Json* object(const std::string& key);
+  /// Call last: a member that nobody asked for is refused.
+  void finish() const;
+
+ private:
+  const Json* member(const std::string& key);
+  [[noreturn]] void refuse(const std::string& key, const std::string& expected) const;
+
+  const Json& json_;
+  std::string name_;
+  std::set<std::string> known_;
+};
+
+Json to_json(const Pose& pose);
+Json to_json(const Matrix6d& symmetric);  ///< upper triangle by rows
+Json to_json(const RegistrationScores& scores);
+Json to_json(const Constraint& constraint);
+Json to_json(const LatticeSpec& lattice);
+Json to_json(const MapInfo& map);
+Json to_json(const CellRecord& cell);
+Json to_json(const PoseGraph& graph);
+Json nodes_to_json(const std::map<CellId, Pose>& poses);
+
+/// Throws Error{kInvalidArgument} or {kUnsupported}.
+LatticeSpec lattice_from_json(const Json& json);
+
+/// RFC 3339 in UTC with milliseconds.
+std::string rfc3339(Stamp unix_time);
+
+}  // namespace cellmap::server

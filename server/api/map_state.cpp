@@ -1,0 +1,127 @@
+#include "server/api/map_state.hpp"
+
+#include <algorithm>
+#include <atomic>
+
+#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/zstd.hpp"
+
+namespace cellmap::server {
+
+Cell load_cell(const Store& store, const std::string& map, CellId id) {
+  return decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes));
+}
+
+std::shared_ptr<const RegistrationTarget> TargetCache::find(std::uint64_t map_key, CellId id) {
+  const std::lock_guard lock(mutex_);
+  const auto found = by_key_.find({map_key, id});
+  if (found == by_key_.end()) return nullptr;
+  entries_.splice(entries_.begin(), entries_, found->second);
+  return found->second->second;
+}
+
+void TargetCache::insert(std::uint64_t map_key, CellId id,
+                         std::shared_ptr<const RegistrationTarget> target) {
+  const std::lock_guard lock(mutex_);
+  const Key key{map_key, id};
+  if (by_key_.contains(key)) return;
+  entries_.emplace_front(key, std::move(target));
+  by_key_[key] = entries_.begin();
+  if (entries_.size() <= capacity_) return;
+  by_key_.erase(entries_.back().first);
+  entries_.pop_back();
+}
+
+MapState::MapState(const Store& store, TargetCache& cache, std::shared_ptr<const Lattice> lattice,
+                   std::string name, Stamp created, std::uint64_t key)
+    : store_(store),
+      cache_(cache),
+      lattice_(std::move(lattice)),
+      name_(std::move(name)),
+      created_(created),
+      key_(key) {}
+
+std::shared_ptr<const PoseGraph> MapState::graph() const {
+  const Revision revision = store_.map(name_).revision;
+  {
+    const std::lock_guard lock(graph_mutex_);
+    if (graph_ && graph_->revision == revision) return graph_;
+  }
+  auto loaded = std::make_shared<const PoseGraph>(store_.pose_graph(name_));
+  const std::lock_guard lock(graph_mutex_);
+  if (!graph_ || graph_->revision < loaded->revision) graph_ = loaded;
+  return loaded;
+}
+
+std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
+  if (auto cached = cache_.find(key_, id)) return cached;
+  auto cell = std::make_shared<const Cell>(load_cell(store_, name_, id));
+  auto target = std::make_shared<const RegistrationTarget>(std::move(cell), lattice_);
+  cache_.insert(key_, id, target);
+  return target;
+}
+
+TargetProvider MapState::targets(std::shared_ptr<const MapState> state) {
+  return [state = std::move(state)](CellId id) { return state->target(id); };
+}
+
+void MapState::bring_up_to_date(Index& index, const PoseGraph& graph) const {
+  for (const auto& [id, pose] : graph.nodes) {
+    const auto at = std::ranges::lower_bound(index.cells, id);
+    if (at != index.cells.end() && *at == id) continue;
+    index.index.add(id, load_cell(store_, name_, id), *lattice_);
+    index.cells.insert(at, id);
+  }
+}
+
+std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) const {
+  const std::lock_guard lock(index_mutex_);
+  auto by_size = [](const auto& a, const auto& b) {
+    return (a ? a->cells.size() : 0) < (b ? b->cells.size() : 0);
+  };
+  if (by_size(indices_[0], indices_[1])) std::swap(indices_[0], indices_[1]);
+  auto share = [](const std::shared_ptr<Index>& index) {
+    return std::shared_ptr<const PlaceIndex>(index, &index->index);
+  };
+  if (indices_[0] && indices_[0]->cells.size() >= graph.nodes.size()) return share(indices_[0]);
+  for (auto& index : indices_) {
+    if (index && index.use_count() > 1) continue;         // a reader is in it
+    std::atomic_thread_fence(std::memory_order_acquire);  // and the last one has left it
+    if (!index) index = std::make_shared<Index>();
+    bring_up_to_date(*index, graph);
+    return share(index);
+  }
+  return share(indices_[0]);
+}
+
+Maps::Maps(Store& store, const MapsOptions& options)
+    : store_(store), options_(options), cache_(options.cached_targets) {}
+
+std::shared_ptr<const MapState> Maps::open(const std::string& name) {
+  const MapInfo info = store_.map(name);
+  const std::lock_guard lock(mutex_);
+  const auto found = std::ranges::find(states_, name, [](const auto& s) { return s->name(); });
+  if (found != states_.end()) {
+    if ((*found)->created() == info.created && (*found)->lattice()->spec() == info.lattice) {
+      states_.splice(states_.begin(), states_, found);
+      return states_.front();
+    }
+    states_.erase(found);  // another map by the same name
+  }
+  states_.push_front(std::make_shared<const MapState>(store_, cache_, lattices_.get(info.lattice),
+                                                      name, info.created, next_key_++));
+  auto opened = states_.front();
+  for (auto state = std::prev(states_.end());
+       states_.size() > options_.loaded_maps && state != states_.begin();) {
+    const auto candidate = state--;
+    if (candidate->use_count() == 1) states_.erase(candidate);
+  }
+  return opened;
+}
+
+void Maps::forget(const std::string& name) {
+  const std::lock_guard lock(mutex_);
+  std::erase_if(states_, [&](const auto& state) { return state->name() == name; });
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,97 @@
+#include "server/api/problem.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "server/api/json_io.hpp"
+
+namespace cellmap::server {
+namespace {
+
+struct Row {
+  ErrorCode code;
+  int status;
+  const char* title;
+};
+
+constexpr std::array kTable{
+    Row{ErrorCode::kInvalidArgument, 400, "Invalid argument"},
+    Row{ErrorCode::kCorruptData, 422, "Corrupt data"},
+    Row{ErrorCode::kNotFound, 404, "Not found"},
+    Row{ErrorCode::kAlreadyExists, 409, "Already exists"},
+    Row{ErrorCode::kConflict, 409, "Conflict"},
+    Row{ErrorCode::kPreconditionFailed, 412, "Precondition failed"},
+    Row{ErrorCode::kUnsupported, 415, "Unsupported"},
+    Row{ErrorCode::kTooLarge, 413, "Too large"},
+    Row{ErrorCode::kUnavailable, 503, "Unavailable"},
+    Row{ErrorCode::kCancelled, 409, "Cancelled"},
+    Row{ErrorCode::kIo, 500, "Input or output failed"},
+    Row{ErrorCode::kInternal, 500, "Internal error"},
+};
+
+const Row& row_of(ErrorCode code) {
+  const auto* row = std::ranges::find(kTable, code, &Row::code);
+  return row == kTable.end() ? kTable.back() : *row;
+}
+
+Response document(int status, const std::string& code, const std::string& title,
+                  const std::string& detail, const std::optional<std::uint64_t>& next_scan = {}) {
+  Json json{{"type", "/problems/" + code},
+            {"title", title},
+            {"status", status},
+            {"detail", detail},
+            {"code", code},
+            {"instance", ""}};
+  if (next_scan) json["next_scan"] = *next_scan;
+  Response response = json_response(json, status);
+  response.headers.set("Content-Type", "application/problem+json");
+  response.headers.set("Cache-Control", "no-store");
+  return response;
+}
+
+}  // namespace
+
+int status_of(ErrorCode code) { return row_of(code).status; }
+
+Response problem(ErrorCode code, const std::string& detail,
+                 const std::optional<std::uint64_t>& next_scan) {
+  const Row& row = row_of(code);
+  Response response =
+      document(row.status, std::string(to_string(code)), row.title, detail, next_scan);
+  if (code == ErrorCode::kUnavailable) response.headers.set("Retry-After", "1");
+  return response;
+}
+
+Response method_not_allowed(const std::string& allow) {
+  Response response = document(405, "method-not-allowed", "Method not allowed",
+                               "This resource answers " + allow + ".");
+  response.headers.set("Allow", allow);
+  return response;
+}
+
+Response not_acceptable(const std::string& available) {
+  return document(406, "not-acceptable", "Not acceptable",
+                  "This resource comes as " + available + "; the Accept header allows none of it.");
+}
+
+Response range_not_satisfiable(std::size_t size) {
+  Response response =
+      document(416, "range-not-satisfiable", "Range not satisfiable",
+               "The range lies outside of the " + std::to_string(size) + " bytes there are.");
+  response.headers.set("Content-Range", "bytes */" + std::to_string(size));
+  return response;
+}
+
+Response problem_with_status(int status, ErrorCode code, const std::string& detail) {
+  return document(status, std::string(to_string(code)), row_of(code).title, detail);
+}
+
+void set_instance(Response& response, std::string_view path) {
+  auto* body = std::get_if<std::string>(&response.body);
+  if (!body || response.headers.get("Content-Type") != "application/problem+json") return;
+  Json json = Json::parse(*body);
+  json["instance"] = std::string(path);
+  *body = dump(json);
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "cellmap/core/error.hpp"
+#include "server/api/message.hpp"
+
+namespace cellmap::server {
+
+/// The one table from codes to HTTP statuses.
+int status_of(ErrorCode code);
+
+/// Problem documents (RFC 9457) for what went wrong; `set_instance` says in which request.
+Response problem(ErrorCode code, const std::string& detail,
+                 const std::optional<std::uint64_t>& next_scan = std::nullopt);
+inline Response problem(const Error& error) { return problem(error.code(), error.what()); }
+
+/// The three that only HTTP knows.
+Response method_not_allowed(const std::string& allow);
+Response not_acceptable(const std::string& available);
+Response range_not_satisfiable(std::size_t size);
+
+/// For the front, which refuses some requests before they reach the API: any status with a code.
+Response problem_with_status(int status, ErrorCode code, const std::string& detail);
+
+/// Puts the path of the request into a problem document; leaves other responses alone.
+void set_instance(Response& response, std::string_view path);
+
+}  // namespace cellmap::server

@@ -1,0 +1,127 @@
+#include "cellmap/place/relocalise.hpp"
+
+#include <chrono>
+#include <numbers>
+
+#include "cellmap/codec/scan_codec.hpp"
+#include "cellmap/core/error.hpp"
+#include "cellmap/scan/scan_source.hpp"
+#include "server/api/api.hpp"
+#include "server/api/text.hpp"
+
+// POST /v1/maps/{map}/relocalise.
+
+namespace cellmap::server {
+namespace {
+
+constexpr const char* kScanType = "application/vnd.cellmap.scan";
+constexpr std::size_t kMaxBody = 33u << 20;
+
+PointCloud read_scan(const Call& call) {
+  const auto type = call.content_type({"application/octet-stream", kScanType});
+  const std::string body = call.content(kMaxBody);
+  PointCloud points =
+      type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
+  Scan scan = filter_scan(std::move(points), 0, {});
+  if (scan.points.empty()) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "The scan has no usable point: " + std::to_string(scan.dropped_non_finite) +
+                    " are not finite, " + std::to_string(scan.dropped_range) +
+                    " nearer than 2 m or farther than 120 m.");
+  }
+  return std::move(scan.points);
+}
+
+std::optional<PosePrior> read_prior(const Call& call) {
+  const auto numbers = call.query_numbers("prior", 7);
+  const auto radius = call.query_number("radius", 0, 10'000);
+  const auto yaw_range_deg = call.query_number("yaw_range_deg", 0, 180);
+  if (!numbers) {
+    if (!radius && !yaw_range_deg) return std::nullopt;
+    throw Error(ErrorCode::kInvalidArgument, "'radius' and 'yaw_range_deg' need a 'prior'.");
+  }
+  PosePrior prior;
+  prior.T_map_scan = pose_from_xyz_qxyzw(std::span<const double, 7>(numbers->data(), 7));
+  prior.radius_m = radius.value_or(prior.radius_m);
+  if (prior.radius_m <= 0) {
+    throw Error(ErrorCode::kInvalidArgument, "Expected 'radius' to be above 0.");
+  }
+  if (yaw_range_deg) prior.yaw_range_rad = *yaw_range_deg * std::numbers::pi / 180;
+  return prior;
+}
+
+/// One of the few relocalisations that may run at a time.
+class Turn {
+ public:
+  explicit Turn(Services& services) : turns_(services.relocalisations) {
+    if (!turns_.try_acquire_for(services.options.relocalisation_wait)) {
+      throw Error(ErrorCode::kUnavailable, "Too many relocalisations at a time; try again.");
+    }
+  }
+  ~Turn() { turns_.release(); }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+
+ private:
+  std::counting_semaphore<>& turns_;
+};
+
+Json cell_name(const Services& services, const std::string& map, CellId id) {
+  return {{"id", id.value}, {"hash", to_hex(services.store.cell(map, id).hash)}};
+}
+
+Json to_document(const Services& services, const std::string& map,
+                 const RelocalisationAnswer& answer) {
+  Json json{{"found", answer.found.has_value()}};
+  if (const auto& found = answer.found) {
+    json["T_map_scan"] = to_json(found->T_map_scan);
+    json["covariance"] = to_json(answer.covariance);
+    json["cell"] = cell_name(services, map, found->cell);
+    json["T_cell_scan"] = to_json(found->T_cell_scan);
+    json["scores"] = to_json(found->registration.scores);
+    json["degenerate"] = found->registration.degeneracy.degenerate;
+  }
+  json["alternatives"] = Json::array();
+  for (const auto& other : answer.alternatives) {
+    json["alternatives"].push_back({{"cell", cell_name(services, map, other.cell)},
+                                    {"T_map_scan", to_json(other.T_map_scan)},
+                                    {"scores", to_json(other.registration.scores)},
+                                    {"accepted", other.accepted}});
+  }
+  json["cells_considered"] = answer.cells_considered;
+  return json;
+}
+
+Response relocalise(Services& services, const Call& call) {
+  const auto state = services.maps.open(call.path("map"));
+  const auto prior = read_prior(call);
+  const PointCloud scan = read_scan(call);
+  const Turn turn(services);
+  const auto start = std::chrono::steady_clock::now();
+  const auto index = state->place_index(*state->graph());
+  const auto graph = state->graph();  // again: every CELL of the index has a pose in it
+  RelocaliseOptions options;
+  options.threads = services.options.threads;
+  options.registration.threads = services.options.threads;
+  const auto answer = index->relocalise(scan, *graph, MapState::targets(state), prior, options);
+  services.metrics.relocalisation(answer.found.has_value());
+  Json json = to_document(services, state->name(), answer);
+  json["revision"] = graph->revision;
+  const std::chrono::duration<double, std::milli> elapsed =
+      std::chrono::steady_clock::now() - start;
+  json["time_ms"] = elapsed.count();
+  return json_response(json);
+}
+
+}  // namespace
+
+void add_relocalise_route(Router& router, Services& services) {
+  router.add({"POST",
+              "/v1/maps/{map}/relocalise",
+              {"prior", "radius", "yaw_range_deg"},
+              kMaxBody,
+              {"application/json"},
+              [&](const Call& call) { return relocalise(services, call); }});
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "cellmap/core/id.hpp"
+#include "server/api/json_io.hpp"
+#include "server/api/message.hpp"
+
+namespace cellmap::server {
+
+/// A request on its way to a handler: path parameters and query are decoded, the body is as it
+/// came. The readers throw Error{kInvalidArgument}, {kUnsupported} or {kTooLarge} with what was
+/// expected.
+class Call {
+ public:
+  Call(const Request& request, std::map<std::string, std::string> path,
+       std::map<std::string, std::string> query)
+      : request_(request), path_(std::move(path)), query_(std::move(query)) {}
+
+  const std::string& method() const { return request_.method; }
+  std::optional<std::string> header(std::string_view name) const {
+    return request_.headers.get(name);
+  }
+
+  const std::string& path(const std::string& name) const { return path_.at(name); }
+  std::uint32_t path_id(const std::string& name) const;
+
+  std::optional<std::string> query(const std::string& name) const;
+  std::optional<std::uint64_t> query_integer(const std::string& name, std::uint64_t min,
+                                             std::uint64_t max) const;
+  std::optional<double> query_number(const std::string& name, double min, double max) const;
+  std::optional<std::vector<double>> query_numbers(const std::string& name,
+                                                   std::size_t count) const;
+
+  /// The media type of the body, which must be one of these.
+  std::string content_type(const std::vector<std::string>& expected) const;
+  /// The body as JSON (Content-Type application/json).
+  Json json() const;
+  /// The body, decompressed where its Content-Encoding is zstd, at most `max_size` bytes.
+  std::string content(std::size_t max_size) const;
+
+ private:
+  const Request& request_;
+  std::map<std::string, std::string> path_, query_;
+};
+
+using Handler = std::function<Response(const Call&)>;
+
+/// One method of one path.
+struct Route {
+  std::string method;
+  std::string pattern;             ///< "/v1/maps/{map}/cells": a segment in braces is a parameter
+  std::vector<std::string> query;  ///< names it knows; where it knows some, others are refused
+  std::size_t max_body = 0;        ///< bytes, as sent
+  std::vector<std::string>
+      types;  ///< media types of its answer; empty: no negotiation (or its own)
+  Handler handler;
+};
+
+/// Routes of the API in order; the first that fits wins.
+class Router {
+ public:
+  void add(Route route) { routes_.push_back(std::move(route)); }
+
+  struct Match {
+    const Route* route = nullptr;  ///< null: no route
+    std::map<std::string, std::string> path;
+    std::string allow;  ///< the methods that the path has; empty: no such path
+  };
+  /// HEAD finds GET.
+  Match find(std::string_view method, std::string_view path) const;
+
+  const std::vector<Route>& routes() const { return routes_; }
+
+ private:
+  std::vector<Route> routes_;
+};
+
+/// The path (still percent-encoded) and the decoded query of a request target. Throws
+/// Error{kInvalidArgument} for broken escapes and for a name that comes twice.
+struct Target {
+  std::string_view path;
+  std::map<std::string, std::string> query;
+};
+Target parse_target(std::string_view target);
+
+}  // namespace cellmap::server

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stop_token>
+#include <string>
+
+#include "cellmap/core/progress.hpp"
+#include "cellmap/scan/scan_source.hpp"
+#include "server/api/map_state.hpp"
+#include "server/jobs/ingest_request.hpp"
+
+namespace cellmap::server {
+
+/// Where a session that is stored in part goes on.
+struct ResumePoint {
+  CellRecord record;
+  std::shared_ptr<const Cell> cell;  ///< its last
+
+  std::uint64_t next_scan() const { return cell->first_scan + std::uint64_t{cell->scan_count}; }
+};
+std::optional<ResumePoint> find_resume_point(const Store& store, const std::string& map,
+                                             const std::string& session);
+
+struct IngestHooks {
+  ProgressCallback progress;   ///< after every scan
+  ProgressCallback committed;  ///< after every CELL, which is then durable
+};
+
+/// Reads a drive into a map. Every CELL is committed with its constraints and the poses it moved as
+/// one transaction, so that stopping anywhere leaves whole CELLs, and running again goes on after
+/// the last of them (its base scan is read again): the map is the same as that of an undisturbed
+/// run. A session that is stored whole changes nothing. MapInfo::voxel_points grows by the 0.4 m
+/// voxels of this run's scans in odometry poses; after a resume the voxels at the seam count twice.
+/// Counting stops where it would take more than about 600 MB. Throws Error{kCancelled} when
+/// stopped, and whatever the source, the store and the mapper throw.
+void run_ingest(Maps& maps, const std::string& map, const IngestRequest& request,
+                ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks);
+
+}  // namespace cellmap::server

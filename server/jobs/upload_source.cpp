@@ -1,0 +1,72 @@
+#include "server/jobs/upload_source.hpp"
+
+#include "cellmap/core/error.hpp"
+#include "cellmap/core/progress.hpp"
+
+namespace cellmap::server {
+
+UploadSource::UploadSource(std::uint64_t scans_total, std::uint64_t first_scan,
+                           std::stop_token stop, const UploadOptions& options)
+    : scans_total_(scans_total),
+      stop_(std::move(stop)),
+      options_(options),
+      next_scan_(first_scan) {}
+
+UploadSource::Put UploadSource::put(PosedScan scan) {
+  const std::lock_guard lock(mutex_);
+  if (scan.index < next_scan_) return Put::kHadAlready;
+  if (complete_) return Put::kEnded;
+  if (scan.index > next_scan_) return Put::kOutOfOrder;
+  const bool full = queue_.size() >= options_.max_scans ||
+                    queued_points_ + scan.points.size() > options_.max_points;
+  if (full && !queue_.empty()) return Put::kFull;
+  queued_points_ += scan.points.size();
+  queue_.push_back(std::move(scan));
+  ++next_scan_;
+  changed_.notify_all();
+  return Put::kTaken;
+}
+
+void UploadSource::complete() {
+  const std::lock_guard lock(mutex_);
+  complete_ = true;
+  changed_.notify_all();
+}
+
+bool UploadSource::is_complete() const {
+  const std::lock_guard lock(mutex_);
+  return complete_;
+}
+
+std::uint64_t UploadSource::next_scan() const {
+  const std::lock_guard lock(mutex_);
+  return next_scan_;
+}
+
+std::optional<PosedScan> UploadSource::next() {
+  std::unique_lock lock(mutex_);
+  const bool woken = changed_.wait_for(lock, stop_, options_.idle_timeout,
+                                       [&] { return complete_ || !queue_.empty(); });
+  throw_if_stopped(stop_);
+  if (!woken) {
+    throw Error(ErrorCode::kUnavailable,
+                "No scan came for " + std::to_string(options_.idle_timeout.count() / 1000) +
+                    " s; whole CELLs are kept, post the session again to go on.");
+  }
+  if (queue_.empty()) return std::nullopt;
+  PosedScan scan = std::move(queue_.front());
+  queue_.pop_front();
+  queued_points_ -= scan.points.size();
+  return scan;
+}
+
+void UploadSource::seek(std::size_t index) {
+  const std::lock_guard lock(mutex_);
+  while (!queue_.empty() && queue_.front().index != index) {
+    queued_points_ -= queue_.front().points.size();
+    queue_.pop_front();
+  }
+  if (queue_.empty()) next_scan_ = index;
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,86 @@
+#include "cellmap/place/loop_detection.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "support/expect_error.hpp"
+
+namespace cellmap {
+namespace {
+
+/// `count` CELLs 6 m apart along x, tied as neighbours.
+PoseGraph straight_session(std::uint32_t count) {
+  PoseGraph graph;
+  for (std::uint32_t i = 1; i <= count; ++i) {
+    Pose T = Pose::Identity();
+    T.translation().x() = 6.0 * i;
+    graph.nodes[{i}] = T;
+    if (i == 1) continue;
+    Constraint c;
+    c.from = {i - 1};
+    c.to = {i};
+    c.T_from_to.translation().x() = 6;
+    graph.constraints.push_back(c);
+  }
+  return graph;
+}
+
+TEST(LoopCandidates, AreTheNearestFirstWithoutTheLatestOfTheSession) {
+  const PoseGraph graph = straight_session(30);
+  LoopOptions options;
+  options.exclude_latest = 3;
+  options.candidates = 4;
+  const auto found = find_loop_candidates(graph, {30}, options);
+  ASSERT_EQ(found.size(), 2u);  // 24 m and 30 m away; the next is beyond max_distance_m
+  EXPECT_EQ(found[0].cell, CellId{26});
+  EXPECT_EQ(found[1].cell, CellId{25});
+  EXPECT_NEAR(found[0].distance_m, 24, 1e-9);
+  EXPECT_NEAR(found[0].path_m, 24, 1e-9);
+  EXPECT_NEAR(found[0].T_candidate_query.translation().x(), 24, 1e-9);
+}
+
+TEST(LoopCandidates, OfAnotherSessionMayBeAnyAndTheirPathIsInfinite) {
+  PoseGraph graph = straight_session(20);
+  graph.nodes[{50}] = graph.nodes[{10}];
+  const auto found = find_loop_candidates(graph, {50}, {});
+  ASSERT_EQ(found.size(), 10u);
+  EXPECT_EQ(found[0].cell, CellId{10});
+  EXPECT_TRUE(std::isinf(found[0].path_m));
+}
+
+TEST(LoopCandidates, ALoopShortensThePath) {
+  PoseGraph graph = straight_session(40);
+  graph.nodes[{40}] = graph.nodes[{1}];
+  EXPECT_NEAR(find_loop_candidates(graph, {40}, {}).front().path_m, 39 * 6, 1e-9);
+  Constraint loop;
+  loop.from = {2};
+  loop.to = {39};
+  loop.kind = ConstraintKind::kLoop;
+  graph.constraints.push_back(loop);
+  EXPECT_NEAR(find_loop_candidates(graph, {40}, {}).front().path_m, 12, 1e-9);
+}
+
+TEST(LoopCandidates, OfAnUnknownCellAreRefused) {
+  test::expect_error(
+      ErrorCode::kNotFound, [] { find_loop_candidates({}, {3}, {}); }, "CELL 3");
+}
+
+TEST(LoopConstraint, IsNotTrustedBeyondWhatRegistrationKnows) {
+  LoopClosure closure{{1}, {2}, {}};
+  closure.result.information = 1e12 * Matrix6d::Identity();
+  const Constraint c = to_constraint(closure, ConstraintOrigin::kDetection);
+  validate(c);
+  EXPECT_EQ(c.kind, ConstraintKind::kLoop);
+  const Matrix6d covariance = c.information.inverse();
+  for (int i = 0; i < 3; ++i) EXPECT_GT(std::sqrt(covariance(i, i)), 0.02);
+  // What was not measured stays without weight.
+  closure.result.information.setZero();
+  closure.result.information(0, 0) = 1e12;
+  const Constraint weak = to_constraint(closure, ConstraintOrigin::kDetection);
+  EXPECT_GT(weak.information(0, 0), 100);
+  EXPECT_NEAR(weak.information(1, 1), 0, 1e-6);
+}
+
+}  // namespace
+}  // namespace cellmap

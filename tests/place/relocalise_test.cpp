@@ -1,0 +1,200 @@
+#include "cellmap/place/relocalise.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "cellmap/place/polar_image.hpp"
+#include "support/expect_error.hpp"
+#include "support/town_drive.hpp"
+
+namespace cellmap {
+namespace {
+
+using test::BuiltMap;
+using test::TownDrive;
+
+constexpr double kDeg = std::numbers::pi / 180;
+
+/// The town driven once with perfect odometry: the map frame is the world, up to the first pose.
+class RelocalisationInATown : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    map_ = std::make_unique<BuiltMap>();
+    index_ = std::make_unique<PlaceIndex>();
+    MapperOptions options = test::quick_mapper_options();
+    options.bidirectional = options.loop_closures = false;
+    const auto source = TownDrive{.laps = 0.9, .drift_deg_per_m = 0, .stretch = 1}.open();
+    Mapper mapper(options, "drive", map_->lattice, {}, map_->provider());
+    build_map(*source, mapper, [&](CellUpdate&& update) {
+      index_->add(update.id, *update.cell, *map_->lattice);
+      map_->add(std::move(update));
+    });
+  }
+  static void TearDownTestSuite() {
+    map_.reset();
+    index_.reset();
+  }
+
+  static RelocaliseOptions quick_options() {
+    RelocaliseOptions options;
+    options.search_points = 1'500;
+    options.refine_points = 8'000;
+    options.candidates = 6;
+    return options;
+  }
+
+  static RelocalisationAnswer relocalise(const PointCloud& scan,
+                                         const std::optional<PosePrior>& prior = {}) {
+    return index_->relocalise(scan, map_->graph, map_->provider(), prior, quick_options());
+  }
+
+  static void expect_right(const RelocalisationAnswer& answer, const Pose& truth) {
+    ASSERT_TRUE(answer.found.has_value());
+    const Pose& T = answer.found->T_map_scan;
+    EXPECT_LT((T.translation() - truth.translation()).norm(), 0.2);
+    EXPECT_LT(angle_between_rad(T, truth), 0.5 * kDeg);
+  }
+
+  static std::unique_ptr<BuiltMap> map_;
+  static std::unique_ptr<PlaceIndex> index_;
+};
+std::unique_ptr<BuiltMap> RelocalisationInATown::map_;
+std::unique_ptr<PlaceIndex> RelocalisationInATown::index_;
+
+PointCloud turned(const PointCloud& scan, double yaw_rad) {
+  return transformed(scan, upright_pose(0, 0, yaw_rad));
+}
+
+/// Another lane, other cars and any heading.
+TEST_F(RelocalisationInATown, AScanOfAnotherDayIsFoundAtAnyHeading) {
+  const auto source = TownDrive{.laps = 0.8,
+                                .drift_deg_per_m = 0,
+                                .stretch = 1,
+                                .lateral_offset_m = 1.2,
+                                .traffic_seed = 77}
+                          .open();
+  for (const std::size_t i : {10u, 31u, 52u, 67u}) {
+    source->seek(i);
+    const auto scan = source->next();
+    const double yaw = 0.9 * static_cast<double>(i);
+    const Pose truth = source->ground_truth()[i].pose * upright_pose(0, 0, -yaw);
+    const PointCloud query = turned(scan->points, yaw);
+    SCOPED_TRACE(i);
+
+    expect_right(relocalise(query), truth);
+
+    PosePrior prior;
+    prior.T_map_scan = truth * upright_pose(1.4, -1.4, 10 * kDeg);
+    const RelocalisationAnswer with_prior = relocalise(query, prior);
+    expect_right(with_prior, truth);
+    EXPECT_LT(with_prior.cells_considered, map_->graph.nodes.size());
+  }
+}
+
+TEST_F(RelocalisationInATown, TheCovarianceIsPositiveAndAdmitsTheError) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(20);
+  const auto scan = source->next();
+  const RelocalisationAnswer answer = relocalise(scan->points);
+  ASSERT_TRUE(answer.found.has_value());
+  EXPECT_LT((answer.covariance - answer.covariance.transpose()).norm(), 1e-12);
+  const Tangent error = log(source->ground_truth()[20].pose * answer.found->T_map_scan.inverse());
+  // The 1 - 1e-6 quantile of chi-square with six degrees of freedom.
+  EXPECT_LT(error.dot(answer.covariance.ldlt().solve(error)), 38.3);
+}
+
+TEST_F(RelocalisationInATown, AScanFromAnotherTownIsNotFound) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .seed = 900}.open();
+  for (const std::size_t i : {5u, 25u, 45u, 60u}) {
+    source->seek(i);
+    const auto scan = source->next();
+    const RelocalisationAnswer answer = relocalise(scan->points);
+    EXPECT_FALSE(answer.found.has_value()) << i;
+    EXPECT_FALSE(answer.alternatives.empty());
+    for (const auto& alternative : answer.alternatives) EXPECT_FALSE(alternative.accepted);
+  }
+}
+
+TEST_F(RelocalisationInATown, NoAnswerLiesOutsideThePrior) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(20);
+  const auto scan = source->next();
+  PosePrior prior;
+  prior.T_map_scan = source->ground_truth()[50].pose;
+  prior.radius_m = 5;
+  EXPECT_FALSE(relocalise(scan->points, prior).found.has_value());
+}
+
+TEST_F(RelocalisationInATown, TheAnswerDoesNotDependOnTheThreadCount) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(40);
+  const auto scan = source->next();
+  RelocaliseOptions options = quick_options();
+  const auto one = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  options.threads = 2;
+  const auto two = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  ASSERT_TRUE(one.found && two.found);
+  EXPECT_EQ(one.found->T_map_scan.matrix(), two.found->T_map_scan.matrix());
+}
+
+TEST_F(RelocalisationInATown, PointsThatAreNoPointsAreIgnored) {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  PointCloud scan;
+  EXPECT_FALSE(relocalise(scan).found.has_value());
+  for (int i = 0; i < 500; ++i) scan.push_back({nan, 1, 1});
+  EXPECT_FALSE(relocalise(scan).found.has_value());
+}
+
+TEST(PlaceIndex, AnEmptyIndexFindsNothing) {
+  PlaceIndex index;
+  PointCloud scan;
+  for (int i = 0; i < 1000; ++i) scan.push_back({5.0f + 0.01f * static_cast<float>(i), 1, 1});
+  const auto answer = index.relocalise(
+      scan, {}, [](CellId) { return std::shared_ptr<const RegistrationTarget>(); }, {}, {});
+  EXPECT_FALSE(answer.found.has_value());
+  EXPECT_EQ(answer.cells_considered, 0u);
+}
+
+TEST(PlaceIndex, APriorThatIsNoPriorIsRefused) {
+  PlaceIndex index;
+  PosePrior prior;
+  prior.radius_m = -1;
+  test::expect_error(
+      ErrorCode::kInvalidArgument, [&] { index.relocalise({}, {}, {}, prior, {}); }, "radius_m");
+}
+
+TEST(PolarImage, CorrelationPeaksAtTheTurnBetweenTwoViews) {
+  std::mt19937 rng(1);
+  std::uniform_real_distribution<float> xy(-60, 60), z(-2, 6);
+  PointCloud points;
+  for (int i = 0; i < 3000; ++i) points.push_back({xy(rng), xy(rng), z(rng)});
+  const PolarImage image(points);
+  for (const int sectors : {0, 7, 45}) {
+    const PolarImage seen(turned(points, -sectors * 6 * kDeg));
+    const std::vector<float> agreement = image.correlate(seen);
+    const auto peak = std::max_element(agreement.begin(), agreement.end());
+    EXPECT_EQ(peak - agreement.begin(), sectors);
+    EXPECT_GT(*peak, 0.9f);
+  }
+}
+
+TEST(RecentredImages, FindWhereTheScanStandsBesideTheOrigin) {
+  std::mt19937 rng(2);
+  std::uniform_real_distribution<float> xy(-60, 60), z(-2, 6);
+  PointCloud cell;
+  for (int i = 0; i < 3000; ++i) cell.push_back({xy(rng), xy(rng), z(rng)});
+  const Pose T_cell_scan = upright_pose(2, -2, 54 * kDeg);
+  const RecentredImages query(transformed(cell, T_cell_scan.inverse()));
+  const auto found = query.align(PolarImage(cell), 3);
+  ASSERT_FALSE(found.empty());
+  EXPECT_LT((found[0].T_cell_scan.translation() - T_cell_scan.translation()).norm(), 1.5);
+  EXPECT_LT(angle_between_rad(found[0].T_cell_scan, T_cell_scan), 6.1 * kDeg);
+}
+
+}  // namespace
+}  // namespace cellmap

@@ -1,0 +1,271 @@
+#include "server/http_server.hpp"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <spdlog/sinks/null_sink.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "cellmap/core/error.hpp"
+#include "server/server_fixture.hpp"
+
+// The front over loopback, spoken to byte by byte.
+
+namespace cellmap::server::test {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+
+/// A connection to the server under test.
+class Client {
+ public:
+  explicit Client(int port) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    const timeval patience{20, 0};
+    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof(patience));
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    connected_ = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
+  }
+  ~Client() { ::close(socket_); }
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  bool is_connected() const { return connected_; }
+
+  /// False where the server has closed.
+  bool send(const std::string& text) {
+    return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) ==
+           static_cast<ssize_t>(text.size());
+  }
+
+  /// Reads until `text` was seen, the server closes or patience ends; returns all of it.
+  std::string read_until(const std::string& text) {
+    std::string all;
+    char buffer[4096];
+    while (all.find(text) == std::string::npos) {
+      const ssize_t received = ::recv(socket_, buffer, sizeof(buffer), 0);
+      if (received <= 0) break;
+      all.append(buffer, static_cast<std::size_t>(received));
+    }
+    return all;
+  }
+  std::string read_all() { return read_until("\x01never"); }
+
+ private:
+  int socket_;
+  bool connected_;
+};
+
+class Http : public ApiTest {
+ protected:
+  void serve(HttpServerOptions options = {}) {
+    const auto log =
+        std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::null_sink_mt>());
+    server_ = std::make_unique<HttpServer>(*api_, log, options);
+    thread_ = std::thread([this] { server_->run(); });
+  }
+  ~Http() override {
+    if (!server_) return;
+    api_->stop();
+    server_->stop();
+    thread_.join();
+  }
+
+  std::string exchange(const std::string& request) {
+    Client client(server_->port());
+    client.send(request);
+    return client.read_all();
+  }
+  std::string get_and_close(const std::string& target, const std::string& headers = "") {
+    return exchange("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers +
+                    "\r\n");
+  }
+
+  std::unique_ptr<HttpServer> server_;
+  std::thread thread_;
+};
+
+constexpr const char* kHealth = "GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n";
+
+TEST_F(Http, AnswersWithTheBodyOfTheApi) {
+  serve();
+  const auto answer = get_and_close("/healthz");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(answer, HasSubstr("\r\nX-Request-Id: "));
+  EXPECT_THAT(answer, HasSubstr("\r\n\r\n{\"status\":\"ok\"}"));
+}
+
+TEST_F(Http, AKeptConnectionTakesManyRequests) {
+  serve();
+  Client client(server_->port());
+  for (int i = 0; i < 50; ++i) {
+    ASSERT_TRUE(client.send(kHealth));
+    ASSERT_THAT(client.read_until("\"ok\"}"), StartsWith("HTTP/1.1 200")) << "request " << i;
+  }
+}
+
+TEST_F(Http, PipelinedRequestsAreAllAnswered) {
+  serve();
+  Client client(server_->port());
+  client.send(std::string(kHealth) + kHealth +
+              "GET /healthz HTTP/1.1\r\nConnection: close\r\n\r\n");
+  const std::string all = client.read_all();
+  std::size_t answers = 0;
+  for (auto at = all.find("\"ok\"}"); at != std::string::npos; at = all.find("\"ok\"}", at + 1)) {
+    ++answers;
+  }
+  EXPECT_EQ(answers, 3u);
+}
+
+TEST_F(Http, HeadStatesTheLengthAndSendsNothing) {
+  serve();
+  const auto answer = exchange("HEAD /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(answer, HasSubstr("Content-Length: 15\r\n"));
+  EXPECT_THAT(answer, ::testing::EndsWith("\r\n\r\n"));
+}
+
+TEST_F(Http, ABodyIsReadByLengthAndInChunks) {
+  serve();
+  const std::string head =
+      "POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+      "Connection: close\r\n";
+  EXPECT_THAT(exchange(head + "Content-Length: 12\r\n\r\n{\"name\":\"a\"}"),
+              StartsWith("HTTP/1.1 201"));
+  EXPECT_THAT(exchange(head + "Transfer-Encoding: chunked\r\n\r\n"
+                              "5\r\n{\"nam\r\n7\r\ne\":\"b\"}\r\n0\r\n\r\n"),
+              StartsWith("HTTP/1.1 201"));
+}
+
+TEST_F(Http, AChunkedBodyOverItsLimitIsRefusedWhileItComes) {
+  serve();
+  Client client(server_->port());
+  client.send(
+      "POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+      "Transfer-Encoding: chunked\r\n\r\n");
+  const std::string chunk = "1000\r\n" + std::string(0x1000, ' ') + "\r\n";
+  for (int i = 0; i < 1000 && client.send(chunk); ++i) {
+  }
+  const auto answer = client.read_all();
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 413"));
+  EXPECT_THAT(answer, HasSubstr("\"code\":\"too-large\""));
+}
+
+TEST_F(Http, ADeclaredBodyOverItsLimitIsRefusedUnread) {
+  serve();
+  EXPECT_THAT(exchange("POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999\r\n\r\n"),
+              StartsWith("HTTP/1.1 413"));
+}
+
+TEST_F(Http, ABodyThatNobodyReadIsNotTheNextRequest) {
+  serve();
+  const std::string smuggled = "DELETE /v1/maps/town HTTP/1.1\r\nHost: x\r\n\r\n";
+  make_map();
+  for (const std::string& start : {std::string("GET /healthz"), std::string("POST /nowhere"),
+                                   std::string("DELETE /healthz"), std::string("OPTIONS /")}) {
+    const auto answer = exchange(start + " HTTP/1.1\r\nHost: x\r\nContent-Length: " +
+                                 std::to_string(smuggled.size()) + "\r\n\r\n" + smuggled);
+    EXPECT_EQ(answer.find("HTTP/1.1", 1), std::string::npos) << start << "\n" << answer;
+  }
+  EXPECT_EQ(get("/v1/maps/town").status, 200);
+}
+
+TEST_F(Http, CompressedAndAmbiguousBodiesAreRefused) {
+  serve();
+  const std::string post =
+      "POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n";
+  EXPECT_THAT(exchange(post + "Content-Encoding: gzip\r\nContent-Length: 2\r\n\r\n{}"),
+              StartsWith("HTTP/1.1 415"));
+  EXPECT_THAT(exchange(post + "Content-Length: 2\r\nTransfer-Encoding: chunked\r\n\r\n{}"),
+              StartsWith("HTTP/1.1 400"));
+  EXPECT_THAT(exchange(post + "Content-Length: 2\r\nContent-Length: 3\r\n\r\n{}"),
+              StartsWith("HTTP/1.1 400"));
+  EXPECT_THAT(exchange(post + "Content-Length: 2x\r\n\r\n{}"), StartsWith("HTTP/1.1 400"));
+}
+
+TEST_F(Http, HeadsHaveLimits) {
+  serve();
+  EXPECT_THAT(get_and_close("/" + std::string(9000, 'a')), StartsWith("HTTP/1.1 414"));
+  EXPECT_THAT(get_and_close("/healthz", "X: " + std::string(70'000, 'a') + "\r\n"),
+              StartsWith("HTTP/1.1 4"));
+  std::string many;
+  for (int i = 0; i < 200; ++i) many += "X-" + std::to_string(i) + ": y\r\n";
+  EXPECT_THAT(get_and_close("/healthz", many), StartsWith("HTTP/1.1 431"));
+  EXPECT_THAT(get_and_close("/healthz", "X: a%0d%0ab\r\n"), StartsWith("HTTP/1.1 400"));
+}
+
+TEST_F(Http, WhatIsNoHttpGetsAProblemAndTheConnectionEnds) {
+  serve();
+  const auto answer = exchange("HELLO\r\n\r\n");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 400"));
+  EXPECT_THAT(answer, HasSubstr("application/problem+json"));
+}
+
+TEST_F(Http, SeveralRangesDoNotMultiplyTheAnswer) {
+  serve();
+  make_map();
+  put_street(1);
+  const auto size = street_cell(0, 0).bytes.size();
+  std::string ranges = "Range: bytes=0-";
+  for (int i = 0; i < 500; ++i) ranges += ",0-";
+  const auto many = get_and_close("/v1/maps/town/cells/1", ranges + "\r\n");
+  EXPECT_THAT(many, StartsWith("HTTP/1.1 200"));
+  EXPECT_LT(many.size(), size + 2000);
+  const auto one = get_and_close("/v1/maps/town/cells/1", "Range: bytes=0-9\r\n");
+  EXPECT_THAT(one, StartsWith("HTTP/1.1 206"));
+  EXPECT_THAT(one, HasSubstr("Content-Length: 10\r\n"));
+}
+
+TEST_F(Http, JsonIsNotCompressedByTheFront) {
+  serve();
+  const auto answer = get_and_close("/v1/maps", "Accept-Encoding: gzip, br\r\n");
+  EXPECT_THAT(answer, Not(HasSubstr("Content-Encoding")));
+  EXPECT_THAT(answer, HasSubstr("{\"maps\":[]}"));
+}
+
+TEST_F(Http, AHundredIdleConnectionsDoNotHoldUpARequest) {
+  serve();
+  std::vector<std::unique_ptr<Client>> idle;
+  for (int i = 0; i < 100; ++i) {
+    idle.push_back(std::make_unique<Client>(server_->port()));
+    ASSERT_TRUE(idle.back()->is_connected());
+    if (i % 2) idle.back()->send("GET /healthz HT");  // and half of a head
+  }
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(Http, MoreIdleConnectionsThanThreadsMakeRoom) {
+  HttpServerOptions few;
+  few.max_connections = 4;
+  few.busy_idle_timeout = std::chrono::milliseconds(100);
+  serve(few);
+  std::vector<std::unique_ptr<Client>> idle;
+  for (int i = 0; i < 20; ++i) idle.push_back(std::make_unique<Client>(server_->port()));
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(Http, EventsStreamAndEndWhenTheServerStops) {
+  serve();
+  const auto made = post("/v1/maps/town/jobs",
+                         R"({"kind":"ingest","session":"s","upload":true,"create_map":true})");
+  Client client(server_->port());
+  client.send("GET /v1/jobs/" + json_of(made)["id"].dump() + "/events HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(client.read_until("event: progress"), HasSubstr("text/event-stream"));
+  api_->stop();
+  client.read_until("0\r\n\r\n");  // the last chunk, or the end of the connection
+}
+
+TEST_F(Http, AnAddressThatIsTakenIsAnError) {
+  serve();
+  HttpServerOptions taken;
+  taken.host = "256.0.0.1";
+  const auto log =
+      std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::null_sink_mt>());
+  EXPECT_THROW(HttpServer(*api_, log, taken), cellmap::Error);
+}
+
+}  // namespace
+}  // namespace cellmap::server::test
