@@ -1,13 +1,12 @@
 #pragma once
 
-#include <httplib.h>
-
 #include <atomic>
 #include <functional>
 #include <string>
 #include <thread>
 
 #include "cellmap/client/client.hpp"
+#include "support/http_library.hpp"
 
 namespace cellmap::test {
 

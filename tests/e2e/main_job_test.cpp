@@ -47,8 +47,7 @@ class MainJob : public testing::Test {
     simulate.insert(simulate.end(), {"--odometry", "truth"});
     cellmap_json(*work_, simulate);
     simulate = simulate_arguments((*work_ / "query").string(), 40);
-    simulate.insert(simulate.end(),
-                    {"--odometry", "truth", "--lateral-offset", "1.0", "--traffic-seed", "7"});
+    simulate.insert(simulate.end(), {"--odometry", "truth", "--lateral-offset", "0.5"});
     cellmap_json(*work_, simulate);
     server_ = std::make_unique<CellmapdProcess>(*work_ / "map.db", work_->path());
     ingest_ = cellmap_json(*work_, {"ingest", drive(), "--server", server_->url(), "--map", "town",
@@ -129,7 +128,7 @@ TEST_F(MainJob, ACellIsSentOnceAndConfirmedAfterwards) {
   EXPECT_EQ(read_text(*work_ / "one.cell").size(), first.encoded.bytes.size());
 }
 
-TEST_F(MainJob, AScanOfAnotherDayIsFoundWithAndWithoutAPrior) {
+TEST_F(MainJob, AScanBesideTheDrivenLineIsFoundWithAndWithoutAPrior) {
   const std::string scan = (*work_ / "query" / "velodyne" / "000030.bin").string();
   const std::string truth = row(*work_ / "query" / "poses_gt.txt", 30);
   const auto anywhere = cellmap_json(*work_, at_town({"relocalise", scan, "--truth-row", truth}));

@@ -1,5 +1,4 @@
 #include <gmock/gmock.h>
-#include <httplib.h>
 
 #include <cmath>
 #include <limits>
@@ -7,6 +6,7 @@
 
 #include "codec/samples.hpp"
 #include "e2e/cellmapd_process.hpp"
+#include "support/http_library.hpp"
 #include "support/temp_folder.hpp"
 
 namespace cellmap::test {
@@ -75,7 +75,7 @@ TEST_F(WrongInput, OfMapsAndCells) {
            Wrong{"GET", "/v1/nothing", "", "", 404, "not-found", ""},
            Wrong{"DELETE", "/v1/maps", "", "", 405, "method-not-allowed", ""},
            Wrong{"POST", "/v1/maps", json, "{", 400, "invalid-argument", ""},
-           Wrong{"POST", "/v1/maps", json, R"({"name":"UPPER"})", 400, "invalid-argument", "UPPER"},
+           Wrong{"POST", "/v1/maps", json, R"({"name":"UPPER"})", 400, "invalid-argument", "a-z"},
            Wrong{"POST", "/v1/maps", json, R"({"name":"m"})", 409, "already-exists", "m"},
            Wrong{"POST", "/v1/maps", "text/plain", R"({"name":"x"})", 415, "unsupported", ""},
            Wrong{"GET", "/v1/maps/m/cells?bbox=1,2,3", "", "", 400, "invalid-argument", "bbox"},
