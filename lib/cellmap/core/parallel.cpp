@@ -1,9 +1,10 @@
 #include "cellmap/core/parallel.hpp"
 
-#include <algorithm>
-
+#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
+
+#include <algorithm>
 
 namespace cellmap {
 
@@ -19,7 +20,9 @@ void parallel_for(std::size_t count, std::size_t grain, int threads,
     for (std::size_t chunk = 0; chunk < chunks; ++chunk) run(chunk);
     return;
   }
-  tbb::task_arena arena(threads > 0 ? threads : tbb::task_arena::automatic);
+  // TBB warns on standard error where it is asked for more threads than the machine has.
+  const int available = tbb::info::default_concurrency();
+  tbb::task_arena arena(threads > 0 ? std::min(threads, available) : available);
   arena.execute([&] { tbb::parallel_for(std::size_t{0}, chunks, run); });
 }
 
