@@ -41,7 +41,8 @@ struct MapperOptions {
   /// Points of each base scan that register neighbours; more cost time and gain nothing measurable.
   std::size_t registration_points = 40'000;
   OdometryModel odometry;
-  /// What a registration of neighbours does not know of its own errors (FINDINGS section 3).
+  /// What a registration of neighbours does not know of its own errors, on
+  /// real drives about 8 cm and 0.13 deg.
   PoseSigma registration_floor;
   bool loop_closures = true;
   LoopOptions loops;

@@ -82,7 +82,7 @@ struct RegistrationOptions {
   void validate() const;
 };
 
-/// How well points agree with the CELL's planes at a pose (FINDINGS section 4). "Hit" points are
+/// How well points agree with the CELL's planes at a pose. "Hit" points are
 /// those whose direction has a plane. All shares are in [0, 1].
 struct RegistrationScores {
   std::uint32_t points = 0;
@@ -140,7 +140,7 @@ RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud
                               const Pose& T_cell_scan, std::size_t point_step = 1);
 
 /// When a registered pose is believed: several scores must agree, because each alone has thin
-/// margins (FINDINGS section 4). Measured on KITTI 00 with one registered scan against one CELL:
+/// margins. Measured on KITTI 00 with one registered scan against one CELL:
 ///
 /// | | right place | wrong place that converged |
 /// | dense (120k points, N = 50,000), inliers over hits | 0.86 to 0.99 | up to 0.72 |
