@@ -32,6 +32,7 @@ struct Flags {
 };
 
 void add_flags(CLI::App& app, Flags& flags) {
+  app.set_version_flag("--version", "cellmapd " CELLMAP_VERSION);
   app.add_option("--store", flags.store, "The store's file; made where it is missing")->required();
   app.add_option("--listen", flags.listen, "HOST:PORT; port 0: any free one")
       ->capture_default_str();

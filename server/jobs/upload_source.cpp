@@ -13,18 +13,30 @@ UploadSource::UploadSource(std::uint64_t scans_total, std::uint64_t first_scan,
       next_scan_(first_scan) {}
 
 UploadSource::Put UploadSource::put(PosedScan scan) {
-  const std::lock_guard lock(mutex_);
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, stop_, options_.room_timeout, [&] {
+    return complete_ || scan.index != next_scan_ || has_room(scan.points.size());
+  });
   if (scan.index < next_scan_) return Put::kHadAlready;
   if (complete_) return Put::kEnded;
   if (scan.index > next_scan_) return Put::kOutOfOrder;
-  const bool full = queue_.size() >= options_.max_scans ||
-                    queued_points_ + scan.points.size() > options_.max_points;
-  if (full && !queue_.empty()) return Put::kFull;
+  if (!has_room(scan.points.size())) return Put::kFull;
   queued_points_ += scan.points.size();
   queue_.push_back(std::move(scan));
   ++next_scan_;
   changed_.notify_all();
   return Put::kTaken;
+}
+
+bool UploadSource::has_room(std::size_t points) const {
+  return queue_.empty() ||
+         (queue_.size() < options_.max_scans && queued_points_ + points <= options_.max_points);
+}
+
+void UploadSource::drop_first() {
+  queued_points_ -= queue_.front().points.size();
+  queue_.pop_front();
+  changed_.notify_all();
 }
 
 void UploadSource::complete() {
@@ -54,17 +66,15 @@ std::optional<PosedScan> UploadSource::next() {
                     " s; whole CELLs are kept, post the session again to go on.");
   }
   if (queue_.empty()) return std::nullopt;
-  PosedScan scan = std::move(queue_.front());
-  queue_.pop_front();
-  queued_points_ -= scan.points.size();
+  std::optional<PosedScan> scan = std::move(queue_.front());
+  drop_first();
   return scan;
 }
 
 void UploadSource::seek(std::size_t index) {
   const std::lock_guard lock(mutex_);
   while (!queue_.empty() && queue_.front().index != index) {
-    queued_points_ -= queue_.front().points.size();
-    queue_.pop_front();
+    drop_first();
   }
   if (queue_.empty()) next_scan_ = index;
 }

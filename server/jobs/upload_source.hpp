@@ -15,6 +15,8 @@ namespace cellmap::server {
 struct UploadOptions {
   std::size_t max_scans = 8;           ///< scans that wait; more are refused
   std::size_t max_points = 4'000'000;  ///< and their points, unless the queue is empty
+  /// How long `put` waits for room: a client that comes back later leaves the job without work.
+  std::chrono::milliseconds room_timeout = std::chrono::seconds(1);
   std::chrono::milliseconds idle_timeout = std::chrono::minutes(10);
 };
 
@@ -26,6 +28,7 @@ class UploadSource : public ScanSource {
                const UploadOptions& options);
 
   enum class Put { kTaken, kHadAlready, kOutOfOrder, kFull, kEnded };
+  /// Blocks while the queue is full, for at most `room_timeout`.
   Put put(PosedScan scan);
   /// No more scans will come.
   void complete();
@@ -42,6 +45,9 @@ class UploadSource : public ScanSource {
   const Trajectory& ground_truth() const override { return no_truth_; }
 
  private:
+  bool has_room(std::size_t points) const;
+  void drop_first();
+
   std::uint64_t scans_total_;
   std::stop_token stop_;
   UploadOptions options_;

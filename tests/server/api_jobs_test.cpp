@@ -158,6 +158,7 @@ TEST_F(ApiJobs, ScansComeInOrderAndAreTakenOnce) {
 TEST_F(ApiJobs, AFullQueueAsksTheClientToWait) {
   ApiOptions narrow = options();
   narrow.jobs.upload.max_scans = 2;
+  narrow.jobs.upload.room_timeout = std::chrono::milliseconds(10);
   narrow.jobs.workers = 1;
   start(narrow);
   const Json blocking = json_of(post(kJobs, upload(0)))["id"];  // keeps the only worker

@@ -48,6 +48,11 @@ TEST_P(StoreContract, MapNamesAndLatticesAreChecked) {
         ErrorCode::kInvalidArgument, [&] { store_->create_map(name, {}); }, "map name");
   }
   EXPECT_NO_THROW(store_->create_map(std::string(64, 'a'), {}));
+  expect_error(
+      ErrorCode::kInvalidArgument, [&] { store_->create_map("../etc\n", {}); }, "'../etc?'");
+  expect_error(
+      ErrorCode::kInvalidArgument, [&] { store_->create_map(std::string(65, 'a'), {}); },
+      "'" + std::string(64, 'a') + "...'");
   LatticeSpec lattice;
   lattice.size = 3;
   expect_error(

@@ -21,6 +21,14 @@ constexpr std::array<std::pair<JobState, std::string_view>, 5> kJobStates = {{
 
 bool is_lower_or_digit(char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9'); }
 
+/// The beginning of a name that may be anything, fit for a message.
+std::string printable_head(const std::string& name) {
+  std::string head = name.substr(0, kMaxMapNameLength);
+  std::replace_if(
+      head.begin(), head.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return head + (name.size() > kMaxMapNameLength ? "..." : "");
+}
+
 }  // namespace
 
 std::string_view to_string(JobState state) {
@@ -46,7 +54,8 @@ void validate_map_name(const std::string& name) {
   if (!valid) {
     throw Error(ErrorCode::kInvalidArgument,
                 "map name: expected 1 to 64 characters of a-z, 0-9, '_' and '-', beginning with a "
-                "letter or digit");
+                "letter or digit, found '" +
+                    printable_head(name) + "'");
   }
 }
 
