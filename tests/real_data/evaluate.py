@@ -122,7 +122,8 @@ class Server:
 
 
 def hold_back(source, scans_folder, poses_file, target, every):
-    """A data set without each `every`-th scan; returns [(scan file, its row of the pose file)] of those."""
+    """A data set without each `every`-th scan. Of those: [(scan file, its row of the pose file, how many scans were
+    kept before it, the pose row of the last of them)]."""
     target.mkdir(parents=True)
     (target / "velodyne").mkdir()
     scans = sorted(p for p in (source / scans_folder).iterdir() if p.suffix in (".bin", ".pcd", ".ply"))
@@ -133,7 +134,8 @@ def hold_back(source, scans_folder, poses_file, target, every):
     kept, held = [], []
     for i, scan in enumerate(scans):
         if i % every == every // 2:
-            held.append((scan, [float(v) for v in poses[i].split()]))
+            row_of = lambda k: [float(v) for v in poses[k].split()]
+            held.append((scan, row_of(i), len(kept), row_of(kept[-1])))
         else:
             kept.append(i)
             (target / "velodyne" / scan.name).symlink_to(scan)
@@ -167,7 +169,9 @@ def relocalise(product, data, work, only):
             at = ["--server", server.url, "--map", name]
             product.run("ingest", folder / "drive", *at, *options)
             info = product.run("info", name, "--server", server.url)
-            truths = truth_in_sensor_frame(held, data / name / "calib.txt" if camera else None)
+            product.run("export", "trajectory", *at, "--format", "kitti", "--out", folder / "trajectory.txt")
+            truths = truth_in_map(held, rows_of(folder / "trajectory.txt"),
+                                  data / name / "calib.txt" if camera else None)
             for prior_wrong in (True, False):
                 results.append(relocalise_all(product, at, name, info, held, truths, prior_wrong))
     print("| data set | CELLs | bytes a CELL | prior | scans | found | wrong (> 1.5 m or 3 deg) | error m, median / 95 % "
@@ -179,18 +183,22 @@ def relocalise(product, data, work, only):
     return results
 
 
-def truth_in_sensor_frame(held, calib):
-    if calib is None:
-        return [row for _, row in held]
-    line = next(l for l in calib.read_text().splitlines() if l.startswith("Tr"))
-    tr = [float(v) for v in line.split()[1:]]
-    return [multiply(inverse(tr), multiply(row, tr)) for _, row in held]
+def truth_in_map(held, trajectory, calib):
+    """Where each held-back scan is in the map: the corrected pose of the scan before it, and the way from there that
+    the data set's poses give. So neither the drift of the map nor that of the ground truth counts as error."""
+    to_sensor = lambda row: row
+    if calib is not None:
+        line = next(l for l in calib.read_text().splitlines() if l.startswith("Tr"))
+        tr = [float(v) for v in line.split()[1:]]
+        to_sensor = lambda row: multiply(inverse(tr), multiply(row, tr))
+    return [multiply(trajectory[kept - 1], multiply(inverse(to_sensor(before)), to_sensor(row)))
+            for _, row, kept, before in held]
 
 
 def relocalise_all(product, at, name, info, held, truths, prior_wrong):
     randomness = random.Random(1)
     metres, degrees, times, found, wrong = [], [], [], 0, 0
-    for (scan, _), truth in zip(held, truths):
+    for (scan, *_), truth in zip(held, truths):
         arguments = []
         if prior_wrong:
             heading, sign = randomness.uniform(0, 2 * math.pi), randomness.choice((-1, 1))

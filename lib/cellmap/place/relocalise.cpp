@@ -5,7 +5,6 @@
 #include <cmath>
 #include <map>
 #include <numbers>
-#include <numeric>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -137,65 +136,113 @@ std::optional<RegistrationResult> search_place(const RegistrationTarget& target,
   return std::nullopt;
 }
 
-/// Registers many points and says whether the pose is believed.
-void decide(const RegistrationTarget& target, const PointCloud& scan,
-            const std::optional<LocalPrior>& prior, const RelocaliseOptions& options,
-            RelocalisationCandidate& candidate) {
-  const PoseSearchOptions search = options.search();
-  candidate.registration =
-      refine_pose(target, scan, candidate.registration.T_target_source, search);
-  const Pose& T_cell_scan = candidate.registration.T_target_source;
-  candidate.structure = score_structure(target, thinned(scan, search.refine_points), T_cell_scan);
-  candidate.accepted = is_acceptable(candidate.registration, options.acceptance) &&
-                       is_acceptable(candidate.structure, options.structure) &&
-                       (!prior || prior->allows(T_cell_scan, 1.0, kGridStepRad));
+/// Places farther apart than this are not the same.
+constexpr double kSamePlaceM = 5.0;
+
+double distance_m(const RelocalisationCandidate& a, const RelocalisationCandidate& b) {
+  return (a.T_map_scan.translation() - b.T_map_scan.translation()).norm();
 }
 
-/// Every place on few points; then the best few places on many points, which decide.
-std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& places,
-                                                const PointCloud& scan, const PoseGraph& graph,
-                                                const TargetProvider& targets,
-                                                const std::optional<PosePrior>& prior,
-                                                const RelocaliseOptions& options) {
-  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;
-  for (const PlaceToTry& place : places) loaded.push_back(targets(place.cell));
-  std::vector<std::optional<LocalPrior>> local(places.size());
-  std::vector<RelocalisationCandidate> tried(places.size());
-  parallel_for(places.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
-    const Pose& T_map_cell = graph.nodes.at(places[i].cell);
-    if (prior) local[i].emplace(*prior, T_map_cell);
-    tried[i].cell = places[i].cell;
-    if (auto best = search_place(*loaded[i], scan, places[i].starts, local[i], options)) {
-      tried[i].registration = std::move(*best);
-    }
-  });
+bool is_refined(const RelocalisationCandidate& candidate) {
+  return candidate.structure.points > 0 || candidate.structure.planes > 0;
+}
 
-  std::vector<std::size_t> order(places.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return agreement(tried[a].registration.scores) > agreement(tried[b].registration.scores);
-  });
-  constexpr std::size_t kRefined = 4;
-  parallel_for(std::min(kRefined, order.size()), 1, options.threads,
-               [&](std::size_t k, std::size_t) {
-                 RelocalisationCandidate& candidate = tried[order[k]];
-                 if (candidate.registration.scores.points > 0) {
-                   decide(*loaded[order[k]], scan, local[order[k]], options, candidate);
-                 }
-               });
-  std::vector<RelocalisationCandidate> ordered;
-  for (const std::size_t i : order) {
-    if (tried[i].registration.scores.points == 0) continue;
-    tried[i].T_cell_scan = tried[i].registration.T_target_source;
-    tried[i].T_map_scan = graph.nodes.at(tried[i].cell) * tried[i].T_cell_scan;
-    ordered.push_back(std::move(tried[i]));
+/// The places that are registered with many points: the best few, and the best few elsewhere, which
+/// show whether the first stand out.
+std::vector<std::size_t> places_to_refine(const std::vector<RelocalisationCandidate>& ordered) {
+  constexpr std::size_t kBest = 3, kElsewhere = 2;
+  std::vector<std::size_t> chosen;
+  std::size_t elsewhere = 0;
+  for (std::size_t i = 0; i < ordered.size(); ++i) {
+    const bool is_elsewhere = distance_m(ordered[i], ordered.front()) > kSamePlaceM;
+    if (i >= kBest && !(is_elsewhere && elsewhere < kElsewhere)) continue;
+    elsewhere += is_elsewhere;
+    chosen.push_back(i);
   }
-  return ordered;
+  return chosen;
+}
+
+/// Registers many points and says whether the pose is believed by itself.
+void refine(const RegistrationTarget& target, const PointCloud& scan, const Pose& T_map_cell,
+            const std::optional<PosePrior>& prior, const RelocaliseOptions& options,
+            RelocalisationCandidate& candidate) {
+  const PoseSearchOptions search = options.search();
+  candidate.registration = refine_pose(target, scan, candidate.T_cell_scan, search);
+  candidate.T_cell_scan = candidate.registration.T_target_source;
+  candidate.T_map_scan = T_map_cell * candidate.T_cell_scan;
+  if (prior && !LocalPrior(*prior, T_map_cell).allows(candidate.T_cell_scan, 1.0, kGridStepRad)) {
+    return;
+  }
+  candidate.structure =
+      score_structure(target, thinned(scan, search.refine_points), candidate.T_cell_scan);
+  candidate.accepted = is_acceptable(candidate.registration, options.acceptance) &&
+                       is_acceptable(candidate.structure, options.structure);
+}
+
+/// Whether a place that is not believed by itself stands out from all others.
+bool stands_out(const RelocalisationCandidate& best,
+                const std::vector<RelocalisationCandidate>& tried, bool has_prior,
+                const RelocaliseOptions& options) {
+  if (!is_acceptable(best.registration, options.busy_acceptance) ||
+      !is_acceptable(best.structure, options.busy_structure)) {
+    return false;
+  }
+  bool has_rival = false;
+  for (const RelocalisationCandidate& rival : tried) {
+    if (!is_refined(rival) || distance_m(best, rival) <= kSamePlaceM) continue;
+    has_rival = true;
+    if (agreement(best.structure) - agreement(rival.structure) < options.min_dominance)
+      return false;
+  }
+  return has_rival || has_prior;
 }
 
 bool better(const RelocalisationCandidate& a, const RelocalisationCandidate& b) {
   if (a.accepted != b.accepted) return a.accepted;
+  if (is_refined(a) != is_refined(b)) return is_refined(a);
+  if (is_refined(a)) return agreement(a.structure) > agreement(b.structure);
   return agreement(a.registration.scores) > agreement(b.registration.scores);
+}
+
+/// Every place on few points, best first.
+std::vector<RelocalisationCandidate> try_places(
+    const std::vector<PlaceToTry>& places, const PointCloud& scan, const PoseGraph& graph,
+    const std::map<CellId, std::shared_ptr<const RegistrationTarget>>& targets,
+    const std::optional<PosePrior>& prior, const RelocaliseOptions& options) {
+  std::vector<RelocalisationCandidate> tried(places.size());
+  parallel_for(places.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
+    const CellId cell = places[i].cell;
+    const Pose& T_map_cell = graph.nodes.at(cell);
+    std::optional<LocalPrior> local;
+    if (prior) local.emplace(*prior, T_map_cell);
+    tried[i].cell = cell;
+    if (auto best = search_place(*targets.at(cell), scan, places[i].starts, local, options)) {
+      tried[i].registration = std::move(*best);
+      tried[i].T_cell_scan = tried[i].registration.T_target_source;
+      tried[i].T_map_scan = T_map_cell * tried[i].T_cell_scan;
+    }
+  });
+  std::erase_if(tried, [](const auto& c) { return c.registration.scores.points == 0; });
+  std::stable_sort(tried.begin(), tried.end(), better);
+  return tried;
+}
+
+/// Registers the best places with many points and decides; best first.
+std::vector<RelocalisationCandidate> decide(
+    std::vector<RelocalisationCandidate> tried, const PointCloud& scan, const PoseGraph& graph,
+    const std::map<CellId, std::shared_ptr<const RegistrationTarget>>& targets,
+    const std::optional<PosePrior>& prior, const RelocaliseOptions& options) {
+  const std::vector<std::size_t> chosen = places_to_refine(tried);
+  parallel_for(chosen.size(), 1, options.threads, [&](std::size_t k, std::size_t) {
+    RelocalisationCandidate& candidate = tried[chosen[k]];
+    refine(*targets.at(candidate.cell), scan, graph.nodes.at(candidate.cell), prior, options,
+           candidate);
+  });
+  std::stable_sort(tried.begin(), tried.end(), better);
+  if (!tried.empty() && !tried.front().accepted) {
+    tried.front().accepted = stands_out(tried.front(), tried, prior.has_value(), options);
+  }
+  return tried;
 }
 
 void require(bool holds, const char* rule) {
@@ -216,8 +263,11 @@ void RelocaliseOptions::validate() const {
   require(starts >= 1 && starts <= 1000, "1 <= starts <= 1000");
   require(alternatives <= 1000, "alternatives <= 1000");
   require(threads >= 0, "threads >= 0");
+  require(min_dominance >= 0 && min_dominance <= 1, "0 <= min_dominance <= 1");
   acceptance.validate();
   structure.validate();
+  busy_acceptance.validate();
+  busy_structure.validate();
   search().validate();
 }
 
@@ -303,9 +353,10 @@ RelocalisationAnswer PlaceIndex::relocalise(const PointCloud& raw_scan, const Po
   if (scan.empty() || cells.empty()) return answer;
 
   const std::vector<PlaceToTry> places = impl_->similar_places(scan, cells, graph, prior, options);
-  std::vector<RelocalisationCandidate> tried =
-      try_places(places, scan, graph, targets, prior, options);
-  std::stable_sort(tried.begin(), tried.end(), better);
+  std::map<CellId, std::shared_ptr<const RegistrationTarget>> loaded;
+  for (const PlaceToTry& place : places) loaded[place.cell] = targets(place.cell);
+  std::vector<RelocalisationCandidate> tried = decide(
+      try_places(places, scan, graph, loaded, prior, options), scan, graph, loaded, prior, options);
   if (!tried.empty() && tried.front().accepted) {
     answer.found = tried.front();
     answer.covariance =

@@ -25,8 +25,15 @@ struct RelocaliseOptions {
   std::size_t alternatives = 3;       ///< rejected or second-best answers reported
   std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
   std::size_t refine_points = 30'000;
+  /// A place is believed by itself where it passes these two.
   AcceptanceOptions acceptance = default_place_acceptance();
-  StructureAcceptance structure;
+  StructureAcceptance structure = clear_structure_acceptance();
+  /// Else the best place is believed where it passes these two and its structure agrees better by
+  /// `min_dominance` than that of every place more than 5 m away. Without a prior there must be
+  /// such a place to compare with.
+  AcceptanceOptions busy_acceptance = busy_place_acceptance();
+  StructureAcceptance busy_structure = busy_structure_acceptance();
+  double min_dominance = 0.2;
   RegistrationOptions registration = default_place_registration();
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 
@@ -66,8 +73,8 @@ class PlaceIndex {
   void remove(CellId id);
   std::size_t size() const;
 
-  /// Likeness of polar images from nine re-centred copies of the scan orders the places (FINDINGS
-  /// section 6), registration on few points orders them anew, and the best are registered with many
+  /// Likeness of polar images from nine re-centred copies of the scan orders the places,
+  /// registration on few points orders them anew, and the best are registered with many
   /// and accepted only where the scores agree. With a prior, only CELLs near it are tried, from a
   /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
   /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
