@@ -65,7 +65,7 @@ done
 echo "cellmapd listens on $url"
 
 say "Ingest: scans with odometry become CELLs with poses"
-$cellmap ingest "$dataset" ${poses:+--poses "$poses"} --server "$url" --map quickstart --progress
+$cellmap ingest "$dataset" ${poses:+--poses "$poses"} --server "$url" --map quickstart --progress >/dev/null
 
 say "The map"
 $cellmap info quickstart --server "$url"
