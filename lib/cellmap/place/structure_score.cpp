@@ -48,9 +48,11 @@ class RangeImage {
  public:
   explicit RangeImage(const PointCloud& scan)
       : lattice_({LatticeKind::kFibonacci, kScanLatticeSize}), ranges_(kScanLatticeSize) {
-    std::vector<std::uint32_t> patch(scan.size());
-    lattice_.nearest(scan, patch);
-    for (std::size_t i = 0; i < scan.size(); ++i) ranges_[patch[i]].push_back(scan[i].norm());
+    for (std::size_t i = 0; i < scan.size(); ++i) {
+      const Eigen::Vector3d p = scan[i].cast<double>();
+      // Sensors mark missing returns with the origin, which has no direction.
+      if (p.squaredNorm() > 0) ranges_[lattice_.nearest(p)].push_back(static_cast<float>(p.norm()));
+    }
   }
 
   const std::vector<float>& along(const Eigen::Vector3d& direction) const {
