@@ -31,6 +31,10 @@ IngestOptions MapperFlags::ingest_options() const {
   IngestOptions result = options;
   if (no_bidirectional) result.bidirectional = false;
   if (no_loops) result.loop_closures = false;
+  if (!loop_acceptance.empty()) {
+    result.loop_acceptance =
+        loop_acceptance == "paper" ? LoopAcceptance::kPaper : LoopAcceptance::kScores;
+  }
   if (!fit.empty()) result.fit = fit == "ransac" ? PlaneFit::kRansac : PlaneFit::kTrimmed;
   return result;
 }
@@ -47,6 +51,7 @@ MapperOptions MapperFlags::mapper_options(int threads) const {
   assign(mapper.build.fit, given.fit);
   assign(mapper.bidirectional, given.bidirectional);
   assign(mapper.loop_closures, given.loop_closures);
+  assign(mapper.loops.accept, given.loop_acceptance);
   mapper.build.threads = mapper.registration.threads = threads;
   mapper.loops.registration.threads = mapper.pose_graph.threads = threads;
   mapper.validate();
@@ -90,6 +95,12 @@ void add_mapper_flags(CLI::App& verb, MapperFlags& flags) {
                 "Tie neighbouring CELLs by odometry alone")
       ->group(group);
   verb.add_flag("--no-loops", flags.no_loops, "Look for no loop closures")->group(group);
+  verb.add_option(
+          "--loop-acceptance", flags.loop_acceptance,
+          "Which loops are believed: scores (several must agree) or paper (inliers over all "
+          "points >= 0.2 alone, for comparison) [scores]")
+      ->check(CLI::IsMember({"scores", "paper"}))
+      ->group(group);
 }
 
 PoseFrame DriveFlags::frame() const {

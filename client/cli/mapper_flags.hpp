@@ -18,7 +18,7 @@ struct MapperFlags {
   IngestOptions options;
   std::optional<std::uint32_t> lattice_size;
   bool no_bidirectional = false, no_loops = false;
-  std::string fit;
+  std::string fit, loop_acceptance;
 
   IngestOptions ingest_options() const;
   MapperOptions mapper_options(int threads) const;

@@ -105,6 +105,7 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{{"info", "m", "--no-such-flag"}, kUsageError, "--no-such-flag"},
         Wrong{{"simulate", "--scans", "many", "--out", "x"}, kUsageError, "--scans"},
         Wrong{{"ingest", "d", "--map", "m", "--fit", "guess"}, kUsageError, "trimmed"},
+        Wrong{{"build", "d", "--map", "m", "--loop-acceptance", "all"}, kUsageError, "scores"},
         Wrong{{"info", "m"}, kInvalid, "--server http://HOST:PORT or --store FILE"},
         Wrong{{"fetch", "m", "1"}, kInvalid, "CELLMAP_SERVER"},
         Wrong{{"info", "m", "--server", "ftp://x"}, kInvalid, "http://HOST:PORT"},

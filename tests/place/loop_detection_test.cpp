@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "support/expect_error.hpp"
+#include "support/registration_world.hpp"
 
 namespace cellmap {
 namespace {
@@ -64,6 +65,33 @@ TEST(LoopCandidates, ALoopShortensThePath) {
 TEST(LoopCandidates, OfAnUnknownCellAreRefused) {
   test::expect_error(
       ErrorCode::kNotFound, [] { find_loop_candidates({}, {3}, {}); }, "CELL 3");
+}
+
+/// A loop from the street to another scene, both seen from the same pose.
+std::optional<LoopClosure> close_loop(const test::BoxScene& query_scene, LoopAcceptance accept) {
+  const Pose at = Pose::Identity();
+  const RegistrationTarget candidate = test::target_at(test::street(), at);
+  const RegistrationTarget query = test::target_at(query_scene, at);
+  LoopOptions options;
+  options.accept = accept;
+  return verify_loop(candidate, query, query_scene.scan(at), {.cell = {1}}, {2}, options);
+}
+
+TEST(LoopVerification, TheSamePlaceClosesByEitherAcceptance) {
+  for (const auto accept : {LoopAcceptance::kScores, LoopAcceptance::kPaper}) {
+    const auto closure = close_loop(test::street(), accept);
+    ASSERT_TRUE(closure.has_value());
+    EXPECT_LT(closure->result.T_target_source.translation().norm(), 0.02);
+  }
+}
+
+/// Most points still lie on planes of the CELL, which is all that the paper's ratio asks; a wall
+/// where the CELL saw free road is what the other scores see.
+TEST(LoopVerification, AWallAcrossTheRoadIsRefusedExceptByThePapersRatio) {
+  test::BoxScene walled = test::street();
+  walled.add({6.0, -3.0, -1.7}, {6.5, 4.5, 3.0});
+  EXPECT_TRUE(close_loop(walled, LoopAcceptance::kPaper).has_value());
+  EXPECT_FALSE(close_loop(walled, LoopAcceptance::kScores).has_value());
 }
 
 TEST(LoopConstraint, IsNotTrustedBeyondWhatRegistrationKnows) {

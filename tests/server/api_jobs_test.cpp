@@ -245,6 +245,7 @@ TEST_F(ApiJobs, WrongJobsAreRefused) {
         job(R"("path":"drive","upload":true)"), job(R"("upload":true)"),
         job(R"("session":"a/b","upload":true)"), job(R"("path":"drive","pose_frame":"wheel")"),
         job(R"("path":"drive")", R"(,"fit":"magic")"),
+        job(R"("path":"drive")", R"(,"loop_acceptance":"all")"),
         job(R"("path":"drive")", R"(,"cell_distance_m":-1)"),
         job(R"("path":"drive")", R"(,"colour":"red")")}) {
     expect_problem(post(kJobs, body), 400, "invalid-argument");

@@ -12,6 +12,7 @@
 #include "cellmap/core/id.hpp"
 #include "cellmap/core/stamp.hpp"
 #include "cellmap/geometry/pose.hpp"
+#include "cellmap/place/loop_detection.hpp"
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/scan/scan_source.hpp"
@@ -95,6 +96,7 @@ struct Job {
 struct IngestOptions {
   std::optional<double> cell_distance_m, min_range_m, max_range_m, vertical_angle_correction_deg;
   std::optional<bool> bidirectional, loop_closures;
+  std::optional<LoopAcceptance> loop_acceptance;
   std::optional<std::uint32_t> min_points;
   std::optional<double> max_range_gap_m;
   std::optional<PlaneFit> fit;

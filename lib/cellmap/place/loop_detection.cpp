@@ -133,6 +133,20 @@ bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarge
              options.max_reverse_difference_deg * kRadPerDeg;
 }
 
+bool is_believed(const RegistrationTarget& candidate, const RegistrationTarget& query,
+                 const PointCloud& query_scan, const LoopCandidate& guess,
+                 const RegistrationResult& result, const LoopOptions& options) {
+  if (options.accept == LoopAcceptance::kPaper) {
+    return result.converged && result.scores.inlier_ratio_all >= kPaperInlierRatio;
+  }
+  const Pose& T = result.T_target_source;
+  return is_acceptable(result, options.acceptance) &&
+         is_acceptable(score_structure(candidate, thinned(query_scan, options.refine_points), T),
+                       options.structure) &&
+         Allowance(guess.path_m, options).allows(guess.T_candidate_query, T) &&
+         reverse_agrees(candidate, query, T, options);
+}
+
 void require(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("loop options need ") + rule);
 }
@@ -186,19 +200,13 @@ std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options) {
   const PoseSearchOptions search = search_options(options);
-  const Allowance allowance(guess.path_m, options);
   const std::vector<Pose> starts = starting_poses(candidate, query_scan, guess, options);
   const auto found = search_poses(candidate, query_scan, starts, search);
   constexpr std::size_t kRefined = 2;
   for (std::size_t i = 0; i < std::min(kRefined, found.size()); ++i) {
     const RegistrationResult result =
         refine_pose(candidate, query_scan, found[i].T_target_source, search);
-    if (is_acceptable(result, options.acceptance) &&
-        is_acceptable(score_structure(candidate, thinned(query_scan, options.refine_points),
-                                      result.T_target_source),
-                      options.structure) &&
-        allowance.allows(guess.T_candidate_query, result.T_target_source) &&
-        reverse_agrees(candidate, query, result.T_target_source, options)) {
+    if (is_believed(candidate, query, query_scan, guess, result, options)) {
       return LoopClosure{guess.cell, query_id, result};
     }
   }

@@ -34,7 +34,15 @@ struct LoopClosure {
   RegistrationResult result;  ///< T_from_to
 };
 
+/// Which closures are believed.
+enum class LoopAcceptance {
+  kScores,  ///< several scores agree, the closure lies where drift allows, the reverse agrees
+  kPaper,   ///< the paper's, for comparison: inliers over all points >= 0.2 and nothing else
+};
+constexpr double kPaperInlierRatio = 0.2;
+
 struct LoopOptions {
+  LoopAcceptance accept = LoopAcceptance::kScores;
   std::size_t candidates = 10;  ///< the paper's n_loop: nearest CELLs that are looked at
   /// CELLs at most this many neighbours away in the session are no loops (the paper's latest
   /// n_loop).
