@@ -8,7 +8,7 @@ packages=(
   libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev
   libceres-dev libtbb-dev libembree-dev libsqlite3-dev libsqlitecpp-dev
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
-  libgtest-dev libgmock-dev libnanoflann-dev python3-jsonschema python3-yaml
+  libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml
 )
 # PCL is large (1 GB installed); only the command line's PCD and PLY support needs it.
 [[ "${1:-}" == "--without-pcl" ]] || packages+=(libpcl-dev)
