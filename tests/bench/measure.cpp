@@ -1,0 +1,120 @@
+#include "bench/measure.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <vector>
+
+namespace cellmap::bench {
+namespace {
+
+constexpr double kMostWaiting = 0.02;  // of the wall time of an undisturbed run
+constexpr double kWakeUpS = 50e-6;     // what waking threads costs on an idle machine
+constexpr double kShortestSampleS = 0.01;
+
+struct Sample {
+  double seconds = 0;  // of one run
+  double waiting = 0;  // share of the time that was spent waiting for a processor
+};
+
+class Sampler {
+ public:
+  /// The warm-up also tells how often a sample repeats the run.
+  Sampler(const Contestant& contestant, const Effort& effort) : contestant_(contestant) {
+    if (!effort.warm_up) return;
+    const double once = take().seconds;
+    if (!contestant_.prepare) {
+      runs_ = static_cast<int>(std::clamp(std::ceil(kShortestSampleS / once), 1.0, 10'000.0));
+    }
+  }
+
+  Sample take() const {
+    if (contestant_.prepare) contestant_.prepare();
+    const double waited_before = waited_s();
+    const double begin = now_s();
+    for (int run = 0; run < runs_; ++run) contestant_.run();
+    const double wall = std::max(now_s() - begin, 1e-9);
+    const double waited = std::max(0.0, waited_s() - waited_before - kWakeUpS);
+    return {wall / runs_, waited / wall};
+  }
+
+ private:
+  const Contestant& contestant_;
+  int runs_ = 1;
+};
+
+struct Pair {
+  double ours_s, baseline_s, waiting;
+};
+
+template <typename Value>
+double median(const std::vector<Pair>& pairs, const Value& value) {
+  std::vector<double> values;
+  for (const Pair& pair : pairs) values.push_back(value(pair));
+  std::sort(values.begin(), values.end());
+  const std::size_t half = values.size() / 2;
+  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+}
+
+Comparison summary(std::vector<Pair> pairs) {
+  std::sort(pairs.begin(), pairs.end(),
+            [](const Pair& a, const Pair& b) { return a.waiting < b.waiting; });
+  Comparison result;
+  result.pairs = static_cast<int>(pairs.size());
+  const auto calm = std::find_if(pairs.begin(), pairs.end(),
+                                 [](const Pair& pair) { return pair.waiting > kMostWaiting; });
+  result.kept = static_cast<int>(calm - pairs.begin());
+  pairs.resize(result.kept > 0 ? static_cast<std::size_t>(result.kept) : (pairs.size() + 2) / 3);
+  result.ours_s = median(pairs, [](const Pair& p) { return p.ours_s; });
+  result.baseline_s = median(pairs, [](const Pair& p) { return p.baseline_s; });
+  result.ratio = median(pairs, [](const Pair& p) { return p.baseline_s / p.ours_s; });
+  return result;
+}
+
+template <typename TakePair>
+Comparison repeat(const Effort& effort, const TakePair& take_pair) {
+  std::vector<Pair> pairs;
+  const double begin = now_s();
+  for (int i = 0; i < effort.max_pairs; ++i) {
+    if (i >= effort.min_pairs && now_s() - begin > effort.seconds) break;
+    pairs.push_back(take_pair());
+  }
+  return summary(std::move(pairs));
+}
+
+}  // namespace
+
+double now_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+double waited_s() {
+  double nanoseconds = 0;
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    double ran = 0, waited = 0;
+    std::ifstream(task.path() / "schedstat") >> ran >> waited;
+    nanoseconds += waited;
+  }
+  return nanoseconds * 1e-9;
+}
+
+Comparison compare(const Contestant& ours, const Contestant& baseline, const Effort& effort) {
+  const Sampler our_sampler(ours, effort), baseline_sampler(baseline, effort);
+  return repeat(effort, [&] {
+    const Sample a = our_sampler.take();
+    const Sample b = baseline_sampler.take();
+    return Pair{a.seconds, b.seconds, std::max(a.waiting, b.waiting)};
+  });
+}
+
+Comparison measure(const Contestant& ours, const Effort& effort) {
+  const Sampler sampler(ours, effort);
+  return repeat(effort, [&] {
+    const Sample sample = sampler.take();
+    return Pair{sample.seconds, 0.0, sample.waiting};
+  });
+}
+
+}  // namespace cellmap::bench

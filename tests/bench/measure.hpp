@@ -1,0 +1,46 @@
+#pragma once
+
+#include <functional>
+
+namespace cellmap::bench {
+
+/// How long a comparison may take.
+struct Effort {
+  double seconds = 1.0;  ///< no further pair begins after this
+  int min_pairs = 3;
+  int max_pairs = 50;
+  bool warm_up = true;  ///< one run of each before the first pair; a run of seconds needs none
+};
+
+/// One side of a comparison. With `prepare` (not timed) every run is prepared anew; without it a
+/// short `run` is repeated within one sample until the clock can resolve it.
+struct Contestant {
+  std::function<void()> run;
+  std::function<void()> prepare = {};
+};
+
+/// Medians over the pairs that were kept.
+struct Comparison {
+  double ours_s = 0, baseline_s = 0;
+  double ratio = 0;  ///< median of baseline / ours, pair by pair: above 1 ours is faster
+  int pairs = 0;     ///< that were run
+  int kept = 0;      ///< that were not disturbed; 0: none, the figures are of the calmest third
+};
+
+/// Runs both once to warm up, then A B A B ... and compares each run of ours with the run of the
+/// baseline right after it, so that a slower clock or a busy neighbour meets both. A pair is left
+/// out where the threads of this process waited for a processor during more than 2 % of its time
+/// (the kernel counts it: /proc/self/task/*/schedstat). The loop is not Google Benchmark's, because
+/// that neither pairs the repetitions of two benchmarks nor leaves out disturbed ones.
+Comparison compare(const Contestant& ours, const Contestant& baseline, const Effort& effort);
+
+/// The median of the undisturbed runs of one contestant; `ratio` and `baseline_s` stay 0.
+Comparison measure(const Contestant& ours, const Effort& effort);
+
+/// Seconds that the threads of this process have been ready to run without a processor.
+double waited_s();
+
+/// Wall clock.
+double now_s();
+
+}  // namespace cellmap::bench

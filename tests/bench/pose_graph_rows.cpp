@@ -1,0 +1,83 @@
+#include <cmath>
+#include <cstdio>
+
+#include "bench/ceres_example.hpp"
+#include "bench/loopy_graph.hpp"
+#include "bench/rows.hpp"
+
+namespace cellmap::bench {
+namespace {
+
+/// Without the robust loss both minimise the same sum but for the second order of the rotation
+/// errors, so our optimiser must find next to nothing left to do at the example's solution.
+void check_solutions(const PoseGraph& start) {
+  PoseGraphOptions plain;
+  plain.loop_loss_scale = 0;
+  PoseGraph ours = start, example = start;
+  const PoseGraphSummary solved = optimize(ours, plain);
+  optimize_as_ceres_example(example, 1);
+  const PoseGraphSummary from_example = optimize(example, plain);
+  char text[120];
+  std::snprintf(text, sizeof(text), "the same minimum (costs %.6g and %.6g)", solved.final_cost,
+                from_example.initial_cost);
+  require_agreement(solved.converged && std::abs(from_example.initial_cost - solved.final_cost) <
+                                            2e-3 * solved.final_cost,
+                    text);
+}
+
+Row compare_solvers(const std::string& name, const std::string& data, const PoseGraph& start,
+                    int threads, const Effort& effort) {
+  PoseGraph ours, baseline;
+  PoseGraphOptions options;
+  options.threads = threads;
+  const Comparison comparison = compare(
+      {[&] { optimize(ours, options); }, [&] { ours = start; }},
+      {[&] { optimize_as_ceres_example(baseline, threads); }, [&] { baseline = start; }}, effort);
+  Row row = duration_row(name, threads, "ms", 1e-3, comparison, data);
+  row.extra["nodes"] = start.nodes.size();
+  row.extra["constraints"] = start.constraints.size();
+  return row;
+}
+
+/// The graph solved without its last loop, then with it: the poses to start from are the last
+/// solution.
+PoseGraph with_one_new_loop(const PoseGraph& start) {
+  PoseGraph graph = start;
+  auto last = graph.constraints.end();
+  while ((--last)->kind != ConstraintKind::kLoop) {
+  }
+  const Constraint loop = *last;
+  graph.constraints.erase(last);
+  optimize(graph);
+  graph.constraints.push_back(loop);
+  return graph;
+}
+
+}  // namespace
+
+void pose_graph_rows(const Setting& setting, const AddRow& add) {
+  const std::vector<Pose> kitti = kitti00_cell_poses();
+  const std::string route = kitti.empty() ? "simulated streets" : "kitti00 route, simulated errors";
+  const PoseGraph city = loopy_graph(kitti.empty() ? street_grid_poses(577) : kitti, 11);
+  check_solutions(city);
+  for (const int threads : setting.threads) {
+    add(compare_solvers("pose_graph_kitti00", route + ", cold", city, threads, setting.effort(4)));
+  }
+  add(compare_solvers("pose_graph_kitti00", route + ", one new loop", with_one_new_loop(city), 1,
+                      setting.effort(4)));
+
+  const PoseGraph large = loopy_graph(street_grid_poses(10'000), 11);
+  const Effort effort = {.seconds = setting.quick ? 0.0 : 20.0,
+                         .min_pairs = setting.quick ? 1 : 3,
+                         .max_pairs = 10,
+                         .warm_up = false};
+  const std::string streets = "simulated streets";
+  add(compare_solvers("pose_graph_10000", streets + ", cold", large, 1, effort));
+  if (setting.quick) return;
+  check_solutions(large);
+  add(compare_solvers("pose_graph_10000", streets + ", cold", large, 2, effort));
+  add(compare_solvers("pose_graph_10000", streets + ", one new loop", with_one_new_loop(large), 1,
+                      effort));
+}
+
+}  // namespace cellmap::bench

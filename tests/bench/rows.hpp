@@ -1,0 +1,51 @@
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/drive.hpp"
+#include "bench/paper_way.hpp"
+#include "bench/report.hpp"
+
+namespace cellmap::bench {
+
+/// What all rows share.
+struct Setting {
+  bool quick = false;
+  std::shared_ptr<const Lattice> lattice;
+  std::shared_ptr<const LatticeTree> tree;
+  std::vector<PosedScan> simulated;  ///< a straight street of the town, true poses
+  std::vector<CellPair> pairs;       ///< simulated, and real where the data is there
+  std::vector<int> threads;          ///< 1, and 2 where the machine has them
+
+  /// `seconds` in the full run, a fifth of it in the quick one.
+  Effort effort(double seconds) const {
+    return quick ? Effort{seconds / 5, 3, 20} : Effort{seconds, 7, 200};
+  }
+};
+
+/// Throws Error{kInternal} where our figure and the baseline's come from different results: a ratio
+/// between things that do not agree says nothing.
+void require_agreement(bool holds, const std::string& what);
+
+/// Each measures its rows and hands every one to `add` as soon as it is known.
+using AddRow = std::function<void(Row)>;
+void nearest_rows(const Setting& setting, const AddRow& add);
+void cell_rows(const Setting& setting, const AddRow& add);
+void registration_rows(const Setting& setting, const AddRow& add);
+void loop_rows(const Setting& setting, const AddRow& add);
+void pose_graph_rows(const Setting& setting, const AddRow& add);
+void codec_rows(const Setting& setting, const AddRow& add);
+void store_rows(const Setting& setting, const AddRow& add);
+void ingest_rows(const Setting& setting, const AddRow& add);
+
+/// Streams a drive of KITTI 00's length along its route from the simulator (--kitti00).
+void kitti00_ingest_row(const AddRow& add);
+
+/// The body of the child process of `ingest_rows`: maps the drive in `folder` and prints the peak
+/// of its resident memory in MiB.
+int print_peak_memory_of_build(const std::string& folder, int threads);
+
+}  // namespace cellmap::bench
