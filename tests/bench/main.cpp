@@ -6,6 +6,7 @@
 #include <set>
 #include <thread>
 
+#include "bench/instruction_sets.hpp"
 #include "bench/rows.hpp"
 
 namespace cellmap::bench {
@@ -17,15 +18,16 @@ constexpr std::size_t kStreetFirst = 20, kStreetScans = 90;
 struct Group {
   const char* name;
   void (*rows)(const Setting&, const AddRow&);
+  bool computes = true;  ///< with the library's kernels, so that the instruction set matters
 };
 constexpr std::array kGroups = {
     Group{"nearest", nearest_rows},
     Group{"cell", cell_rows},
     Group{"registration", registration_rows},
     Group{"loop", loop_rows},
-    Group{"pose_graph", pose_graph_rows},
-    Group{"codec", codec_rows},
-    Group{"store", store_rows},
+    Group{"pose_graph", pose_graph_rows, false},
+    Group{"codec", codec_rows, false},
+    Group{"store", store_rows, false},
     Group{"ingest", ingest_rows},
 };
 
@@ -51,7 +53,10 @@ struct Flags {
 
 std::vector<Row> run(const Flags& flags) {
   std::vector<Row> rows;
+  bool computes = true;
   const AddRow add = [&](Row row) {
+    const std::string set = instruction_set();
+    if (computes && !set.empty()) row.extra["isa"] = set;
     std::cerr << row.name << " (" << row.data << ", " << row.threads << " threads): " << row.ours
               << " against " << row.baseline << ' ' << row.unit << '\n';
     rows.push_back(std::move(row));
@@ -61,9 +66,11 @@ std::vector<Row> run(const Flags& flags) {
   for (const Group& group : kGroups) {
     if (!only.empty() && !only.contains(group.name)) continue;
     const double begin = now_s();
+    computes = group.computes;
     group.rows(setting, add);
     std::cerr << "  " << group.name << " rows took " << now_s() - begin << " s\n";
   }
+  computes = true;
   if (flags.kitti00) kitti00_ingest_row(add);
   return rows;
 }

@@ -17,6 +17,8 @@ constexpr double kShortestSampleS = 0.01;
 struct Sample {
   double seconds = 0;  // of one run
   double waiting = 0;  // share of the time that was spent waiting for a processor
+
+  double running_s() const { return seconds * (1 - std::min(waiting, 0.99)); }
 };
 
 class Sampler {
@@ -46,7 +48,10 @@ class Sampler {
 };
 
 struct Pair {
-  double ours_s, baseline_s, waiting;
+  Sample ours, baseline;
+
+  double waiting() const { return std::max(ours.waiting, baseline.waiting); }
+  bool is_calm() const { return waiting() <= kMostWaiting; }
 };
 
 template <typename Value>
@@ -58,18 +63,20 @@ double median(const std::vector<Pair>& pairs, const Value& value) {
   return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
 }
 
-Comparison summary(std::vector<Pair> pairs) {
+Comparison summary(std::vector<Pair> pairs, int threads) {
   std::sort(pairs.begin(), pairs.end(),
-            [](const Pair& a, const Pair& b) { return a.waiting < b.waiting; });
+            [](const Pair& a, const Pair& b) { return a.waiting() < b.waiting(); });
   Comparison result;
   result.pairs = static_cast<int>(pairs.size());
-  const auto calm = std::find_if(pairs.begin(), pairs.end(),
-                                 [](const Pair& pair) { return pair.waiting > kMostWaiting; });
-  result.kept = static_cast<int>(calm - pairs.begin());
+  result.kept = static_cast<int>(
+      std::count_if(pairs.begin(), pairs.end(), [](const Pair& pair) { return pair.is_calm(); }));
   pairs.resize(result.kept > 0 ? static_cast<std::size_t>(result.kept) : (pairs.size() + 2) / 3);
-  result.ours_s = median(pairs, [](const Pair& p) { return p.ours_s; });
-  result.baseline_s = median(pairs, [](const Pair& p) { return p.baseline_s; });
-  result.ratio = median(pairs, [](const Pair& p) { return p.baseline_s / p.ours_s; });
+  const bool corrected = result.kept == 0 && threads == 1;
+  const auto seconds = [&](const Sample& s) { return corrected ? s.running_s() : s.seconds; };
+  result.ours_s = median(pairs, [&](const Pair& p) { return seconds(p.ours); });
+  result.baseline_s = median(pairs, [&](const Pair& p) { return seconds(p.baseline); });
+  result.ratio =
+      median(pairs, [&](const Pair& p) { return seconds(p.baseline) / seconds(p.ours); });
   return result;
 }
 
@@ -81,7 +88,7 @@ Comparison repeat(const Effort& effort, const TakePair& take_pair) {
     if (i >= effort.min_pairs && now_s() - begin > effort.seconds) break;
     pairs.push_back(take_pair());
   }
-  return summary(std::move(pairs));
+  return summary(std::move(pairs), effort.threads);
 }
 
 }  // namespace
@@ -104,17 +111,13 @@ Comparison compare(const Contestant& ours, const Contestant& baseline, const Eff
   const Sampler our_sampler(ours, effort), baseline_sampler(baseline, effort);
   return repeat(effort, [&] {
     const Sample a = our_sampler.take();
-    const Sample b = baseline_sampler.take();
-    return Pair{a.seconds, b.seconds, std::max(a.waiting, b.waiting)};
+    return Pair{a, baseline_sampler.take()};
   });
 }
 
 Comparison measure(const Contestant& ours, const Effort& effort) {
   const Sampler sampler(ours, effort);
-  return repeat(effort, [&] {
-    const Sample sample = sampler.take();
-    return Pair{sample.seconds, 0.0, sample.waiting};
-  });
+  return repeat(effort, [&] { return Pair{sampler.take(), {}}; });
 }
 
 }  // namespace cellmap::bench

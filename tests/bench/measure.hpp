@@ -10,6 +10,7 @@ struct Effort {
   int min_pairs = 3;
   int max_pairs = 50;
   bool warm_up = true;  ///< one run of each before the first pair; a run of seconds needs none
+  int threads = 1;      ///< that the contestants use
 };
 
 /// One side of a comparison. With `prepare` (not timed) every run is prepared anew; without it a
@@ -24,7 +25,9 @@ struct Comparison {
   double ours_s = 0, baseline_s = 0;
   double ratio = 0;  ///< median of baseline / ours, pair by pair: above 1 ours is faster
   int pairs = 0;     ///< that were run
-  int kept = 0;      ///< that were not disturbed; 0: none, the figures are of the calmest third
+  /// That were not disturbed. 0: none; the figures are those of the calmest third, less the time
+  /// that was spent waiting for a processor where there is one thread to wait.
+  int kept = 0;
 };
 
 /// Runs both once to warm up, then A B A B ... and compares each run of ours with the run of the
