@@ -13,10 +13,11 @@ from pathlib import Path
 # room -> rooms it may include beside itself (ARCHITECTURE.md, "Rooms")
 ROOMS = {
     "core": [],
-    "geometry": ["core"],
+    "simd": [],
+    "geometry": ["core", "simd"],
     "scan": ["core", "geometry"],
     "cell": ["core", "geometry", "scan"],
-    "registration": ["core", "geometry", "scan", "cell"],
+    "registration": ["core", "simd", "geometry", "scan", "cell"],
     "pose_graph": ["core", "geometry", "registration"],
     "place": ["core", "geometry", "scan", "cell", "registration", "pose_graph"],
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
@@ -37,6 +38,7 @@ VENDORS = {
     r"ceres/": ["pose_graph"],
     r"pcl/": ["pcl"],
     r"(oneapi/)?tbb/": ["core"],
+    r"hwy/": ["simd"],
     r"openssl/": ["core"],
     r"zstd\.h|zstd_errors\.h": ["codec"],
     r"flatbuffers/": ["codec"],
@@ -50,7 +52,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 

@@ -43,8 +43,9 @@ TEST(Residuals, NormalEquationsDoNotDependOnTheThreads) {
   const PointCloud scan = scene.scan(T);
   const RegistrationTerm term{&target, &scan, false};
   const RegistrationStage stage{1, 0.5, RobustKernel::kGemanMcClure, 0.05};
-  const NormalSystem one = normal_system({&term, 1}, T, stage, {1, 1});
-  const NormalSystem four = normal_system({&term, 1}, T, stage, {1, 4});
+  NormalSystem one, four;
+  MatchedTerm(term, 1).add_normal_equations(T, stage, true, one);
+  MatchedTerm(term, 4).add_normal_equations(T, stage, true, four);
   EXPECT_EQ(one.H, four.H);
   EXPECT_EQ(one.g, four.g);
   EXPECT_EQ(one.points, four.points);

@@ -24,6 +24,8 @@ constexpr double kRadiansPerUnit = 2.0 * std::numbers::pi * 0x1p-64;
 constexpr double kCapSpacings = 8.0;
 /// Squared chords of corners are compared in double dot products when closer than this.
 constexpr double kNearTie = 1e-13;
+/// simd::FibonacciZones::guard in squared point spacings.
+constexpr double kVectorGuard = 6e-4;
 
 /// Azimuth of a lattice point in units of 2^-64 turn, modulo one turn.
 std::uint64_t azimuth_units(std::uint64_t index) { return index * kTurnPerIndex; }
@@ -118,6 +120,13 @@ Lattice::Lattice(const LatticeSpec& spec) : spec_(spec) {
     north_.push_back(direction(i));
     south_.push_back(direction(size() - 1 - i));
   }
+  vector_zones_ = vector_zones();
+}
+
+void Lattice::Cap::push_back(const Eigen::Vector3d& direction) {
+  x.push_back(direction.x());
+  y.push_back(direction.y());
+  z.push_back(direction.z());
 }
 
 Eigen::Vector3d Lattice::direction(std::uint32_t index) const {
@@ -143,9 +152,50 @@ std::uint32_t Lattice::nearest(const Eigen::Vector3d& direction) const {
 
 void Lattice::nearest(const PointCloud& cloud, std::span<std::uint32_t> indices) const {
   assert(indices.size() == cloud.size());
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    indices[i] = nearest(Eigen::Vector3d(cloud.x[i], cloud.y[i], cloud.z[i]));
+  nearest(cloud.x.data(), cloud.y.data(), cloud.z.data(), indices);
+}
+
+void Lattice::nearest(const float* x, const float* y, const float* z,
+                      std::span<std::uint32_t> indices) const {
+  constexpr std::size_t kBlock = 1'024;
+  std::array<std::uint32_t, kBlock> undecided;
+  for (std::size_t begin = 0; begin < indices.size(); begin += kBlock) {
+    const std::size_t count = std::min(kBlock, indices.size() - begin);
+    const std::size_t open = simd::nearest(vector_zones_, x + begin, y + begin, z + begin, count,
+                                           indices.data() + begin, undecided.data());
+    for (std::size_t k = 0; k < open; ++k) {
+      const std::size_t i = begin + undecided[k];
+      const Eigen::Vector3d direction(x[i], y[i], z[i]);
+      const double norm2 = direction.squaredNorm();
+      indices[i] = norm2 > 0 && std::isfinite(norm2) ? nearest(direction) : kNowhere;
+    }
   }
+}
+
+simd::FibonacciZones Lattice::vector_zones() const {
+  const double n = size();
+  const auto turns = [](std::uint64_t index) {
+    return static_cast<double>(static_cast<std::int64_t>(azimuth_units(index))) * 0x1p-64;
+  };
+  simd::FibonacciZones zones;
+  zones.points = static_cast<float>(n);
+  zones.last_turns = static_cast<float>(turns(size() - 1));
+  zones.cap_r2 = static_cast<float>(cap_r2_);
+  zones.guard = static_cast<float>(kVectorGuard * 4 * std::numbers::pi / n);
+  zones.count = zones_.size();
+  assert(zones.count <= zones.kMost);
+  for (std::size_t k = 0; k < zones.count; ++k) {
+    const auto a = static_cast<double>(zones_[k].step_a), b = static_cast<double>(zones_[k].step_b);
+    const double turns_a = turns(static_cast<std::uint64_t>(zones_[k].step_a));
+    const double turns_b = turns(static_cast<std::uint64_t>(zones_[k].step_b));
+    const double sign = a * turns_b - b * turns_a > 0 ? 1 : -1;
+    zones.min_r2[k] = static_cast<float>(zones_[k].min_r2);
+    zones.index_a[k] = static_cast<float>(a);
+    zones.turns_a[k] = static_cast<float>(turns_a);
+    zones.index_b[k] = static_cast<float>(sign * b);
+    zones.turns_b[k] = static_cast<float>(sign * turns_b);
+  }
+  return zones;
 }
 
 double Lattice::patch_radius_rad() const { return 2.0 / std::sqrt(static_cast<double>(size())); }
@@ -159,7 +209,6 @@ const Lattice::Zone& Lattice::zone_at(double r2) const {
 std::uint32_t Lattice::nearest_in_cap(const Eigen::Vector3d& direction, double unit_z,
                                       double r2) const {
   const bool is_north = unit_z >= 0;
-  const std::vector<Eigen::Vector3d>& cap = is_north ? north_ : south_;
   const double n = size();
   // Chords obey the triangle inequality: a lattice point within `reach` of the direction has a
   // chord to the pole within `reach` of the direction's. Point j from the pole: n chord^2 = 4 j
@@ -169,17 +218,10 @@ std::uint32_t Lattice::nearest_in_cap(const Eigen::Vector3d& direction, double u
   const double inner = std::max(0.0, chord - reach), outer = chord + reach;
   const auto begin = static_cast<std::size_t>(n * inner * inner / 4);
   const auto end =
-      std::min(cap.size(), static_cast<std::size_t>(std::ceil(n * outer * outer / 4)) + 1);
-  std::size_t best = begin;
-  double best_dot = -HUGE_VAL;
-  for (std::size_t j = begin; j < end; ++j) {
-    const double d = dot(cap[j], direction);
-    // From the south pole outwards the index falls, so the later of two equals wins.
-    if (is_north ? d > best_dot : d >= best_dot) {
-      best_dot = d;
-      best = j;
-    }
-  }
+      std::min(north_.x.size(), static_cast<std::size_t>(std::ceil(n * outer * outer / 4)) + 1);
+  // From the south pole outwards the index falls, so the later of two equals wins.
+  const std::size_t best = simd::largest_dot((is_north ? north_ : south_).view(), begin, end,
+                                             direction.data(), !is_north);
   return is_north ? static_cast<std::uint32_t>(best)
                   : size() - 1 - static_cast<std::uint32_t>(best);
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cellmap/geometry/point_cloud.hpp"
+#include "cellmap/simd/nearest.hpp"
 
 namespace cellmap {
 
@@ -79,9 +80,14 @@ class Lattice {
   /// index on a tie. Constant time.
   std::uint32_t nearest(const Eigen::Vector3d& direction) const;
 
-  /// `nearest` of every point of `cloud`, written to `indices` (same length). Points must be finite
-  /// and not the origin. Serial; callers that want threads split the cloud.
+  /// The same of every point of `cloud`, written to `indices` (same length); `kNowhere` for points
+  /// that are not finite or the origin. Vectorised (simd/nearest.hpp): decided in float where that
+  /// is certain, else as above, so the same on every machine. Serial; callers that want threads
+  /// split the points.
   void nearest(const PointCloud& cloud, std::span<std::uint32_t> indices) const;
+  void nearest(const float* x, const float* y, const float* z,
+               std::span<std::uint32_t> indices) const;
+  static constexpr std::uint32_t kNowhere = simd::kUndecided;
 
   /// Mean angular radius of a patch: the radius of a disc that has the patch's mean solid angle,
   /// 2 / sqrt(N) rad.
@@ -96,14 +102,24 @@ class Lattice {
     double index_to_b, azimuth_to_b;
   };
 
+  /// Directions around a pole, from the pole outwards.
+  struct Cap {
+    std::vector<double> x, y, z;
+    void push_back(const Eigen::Vector3d& direction);
+    simd::Directions view() const { return {x.data(), y.data(), z.data()}; }
+  };
+
   const Zone& zone_at(double r2) const;
   std::uint32_t nearest_in_cap(const Eigen::Vector3d& direction, double unit_z, double r2) const;
   std::uint32_t nearest_in_zone(const Eigen::Vector3d& direction, double unit_z, double r2) const;
 
+  simd::FibonacciZones vector_zones() const;
+
   LatticeSpec spec_;
-  double cap_r2_ = 0;                           ///< nearer to the axis than this is in a cap
-  std::vector<Zone> zones_;                     ///< from the equator to the caps
-  std::vector<Eigen::Vector3d> north_, south_;  ///< directions of the caps, from each pole outwards
+  double cap_r2_ = 0;        ///< nearer to the axis than this is in a cap
+  std::vector<Zone> zones_;  ///< from the equator to the caps
+  Cap north_, south_;
+  simd::FibonacciZones vector_zones_;
 };
 
 /// One immutable lattice per spec, built on first use and shared afterwards; the cache is a value,

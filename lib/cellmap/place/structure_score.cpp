@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/registration/residuals.hpp"
 
 namespace cellmap {
 namespace {
@@ -24,16 +25,11 @@ bool is_level(const Plane& plane) { return std::abs(plane.nz) >= kLevelNormalZ; 
 
 void score_forward(const RegistrationTarget& target, const PointCloud& scan,
                    const Pose& T_cell_scan, StructureScores& scores) {
+  const HitDistances hits = MatchedTerm({&target, &scan, false}, 1).look_up_distances(T_cell_scan);
   std::size_t points = 0, inliers = 0, in_front = 0;
-  for (std::size_t i = 0; i < scan.size(); ++i) {
-    const Eigen::Vector3d p = T_cell_scan * scan[i].cast<double>();
-    if (!(p.squaredNorm() > 0)) continue;
-    const std::int32_t k = target.plane_of(target.lattice().nearest(p));
-    if (k < 0) continue;
-    const Plane& plane = target.cell().planes[static_cast<std::size_t>(k)];
-    const double distance = plane.nx * p.x() + plane.ny * p.y() + plane.nz * p.z() -
-                            target.offset(static_cast<std::size_t>(k));
-    if (is_level(plane) && std::abs(distance) <= kOffLevelM) continue;
+  for (std::size_t i = 0; i < hits.plane.size(); ++i) {
+    const double distance = hits.distance_m[i];
+    if (is_level(target.cell().planes[hits.plane[i]]) && std::abs(distance) <= kOffLevelM) continue;
     ++points;
     inliers += std::abs(distance) <= kInlierM;
     in_front += distance > kBlockedM;
@@ -43,41 +39,60 @@ void score_forward(const RegistrationTarget& target, const PointCloud& scan,
   scores.share_in_front = share(in_front, points);
 }
 
-/// The ranges of a scan by direction.
+std::vector<std::uint32_t> nearest_of(const Lattice& lattice, const PointCloud& points) {
+  std::vector<std::uint32_t> indices(points.size());
+  lattice.nearest(points, indices);
+  return indices;
+}
+
+/// The ranges of a scan by direction, sorted by counting.
 class RangeImage {
  public:
-  explicit RangeImage(const PointCloud& scan)
-      : lattice_({LatticeKind::kFibonacci, kScanLatticeSize}), ranges_(kScanLatticeSize) {
-    for (std::size_t i = 0; i < scan.size(); ++i) {
-      const Eigen::Vector3d p = scan[i].cast<double>();
-      // Sensors mark missing returns with the origin, which has no direction.
-      if (p.squaredNorm() > 0) ranges_[lattice_.nearest(p)].push_back(static_cast<float>(p.norm()));
-    }
+  RangeImage(const Lattice& lattice, const PointCloud& scan) : begin_(lattice.size() + 2, 0) {
+    std::vector<std::uint32_t> patch = nearest_of(lattice, scan);
+    // Sensors mark missing returns with the origin, which has no direction.
+    for (std::uint32_t& i : patch) i = std::min(i, lattice.size());
+    for (const std::uint32_t i : patch) ++begin_[i + 1];
+    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
+    std::vector<std::uint32_t> next = begin_;
+    ranges_.resize(scan.size());
+    for (std::size_t i = 0; i < scan.size(); ++i) ranges_[next[patch[i]]++] = scan[i].norm();
   }
 
-  const std::vector<float>& along(const Eigen::Vector3d& direction) const {
-    return ranges_[lattice_.nearest(direction)];
+  std::span<const float> along(std::uint32_t patch) const {
+    return std::span(ranges_).subspan(begin_[patch], begin_[patch + 1] - begin_[patch]);
   }
 
  private:
-  Lattice lattice_;
-  std::vector<std::vector<float>> ranges_;
+  std::vector<std::uint32_t> begin_;
+  std::vector<float> ranges_;
 };
 
-void score_reverse(const RegistrationTarget& target, const PointCloud& scan,
-                   const Pose& T_cell_scan, StructureScores& scores) {
-  constexpr std::size_t kFewestRanges = 2;
-  const RangeImage image(scan);
-  const Pose T_scan_cell = T_cell_scan.inverse();
+/// Where the planes of a CELL that are not level meet their rays, in the frame of a scan.
+PointCloud upright_structure(const RegistrationTarget& target, const Pose& T_scan_cell) {
+  PointCloud points;
   const Cell& cell = target.cell();
-  std::size_t planes = 0, confirmed = 0, seen_through = 0;
   for (std::size_t k = 0; k < cell.planes.size(); ++k) {
     if (is_level(cell.planes[k])) continue;
     const Eigen::Vector3d p = T_scan_cell * (static_cast<double>(cell.planes[k].distance_m) *
                                              target.lattice().direction(cell.indices[k]));
-    const double range = p.norm();
-    if (!(range > 0)) continue;
-    const std::vector<float>& seen = image.along(p);
+    points.push_back(p.cast<float>());
+  }
+  return points;
+}
+
+void score_reverse(const RegistrationTarget& target, const PointCloud& scan,
+                   const Pose& T_cell_scan, StructureScores& scores) {
+  constexpr std::size_t kFewestRanges = 2;
+  const Lattice lattice({LatticeKind::kFibonacci, kScanLatticeSize});
+  const RangeImage image(lattice, scan);
+  const PointCloud points = upright_structure(target, T_cell_scan.inverse());
+  const std::vector<std::uint32_t> patch = nearest_of(lattice, points);
+  std::size_t planes = 0, confirmed = 0, seen_through = 0;
+  for (std::size_t k = 0; k < points.size(); ++k) {
+    if (patch[k] == Lattice::kNowhere) continue;
+    const double range = points[k].norm();
+    const std::span<const float> seen = image.along(patch[k]);
     if (seen.size() < kFewestRanges) continue;
     ++planes;
     const double tolerance = std::max(0.5, 0.05 * range);

@@ -31,7 +31,7 @@ std::vector<PlaneMoments> inlier_moments(const HitDistances& hits, std::size_t p
   for (std::size_t i = 0; i < hits.plane.size(); ++i) {
     const double distance = hits.distance_m[i];
     if (std::abs(distance) > kInlierDistanceM) continue;
-    PlaneMoments& plane = moments[static_cast<std::size_t>(hits.plane[i])];
+    PlaneMoments& plane = moments[hits.plane[i]];
     plane.count += 1;
     plane.sum += distance;
     plane.sum_of_squares += distance * distance;
@@ -72,23 +72,23 @@ Matrix6d about_scan_origin(const Pose& T) {
 
 }  // namespace
 
-Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const HitDistances> hits,
-                        const Pose& T, const PointSelection& selection) {
+Matrix6d information_of(std::span<const MatchedTerm> terms, std::span<const HitDistances> hits,
+                        const Pose& T) {
   std::vector<std::vector<PlaneMoments>> moments;
   for (std::size_t i = 0; i < terms.size(); ++i) {
-    moments.push_back(inlier_moments(hits[i], terms[i].target->cell().planes.size()));
+    moments.push_back(inlier_moments(hits[i], terms[i].term().target->cell().planes.size()));
   }
   const VarianceComponents variance = variance_components(moments);
-  Matrix6d information = Matrix6d::Zero();
+  NormalSystem system;
   for (std::size_t i = 0; i < terms.size(); ++i) {
     std::vector<double> weight;
     weight.reserve(moments[i].size());
     for (const PlaneMoments& plane : moments[i]) {
       weight.push_back(1.0 / (plane.count * variance.of_plane + variance.of_point));
     }
-    information += plane_weighted_system(terms[i], T, kInlierDistanceM, weight, selection).H;
+    terms[i].add_plane_weighted(T, kInlierDistanceM, weight, system);
   }
-  return information / kPlanesAWitness;
+  return system.H / kPlanesAWitness;
 }
 
 Matrix6d with_systematic_deviation(const Matrix6d& information, const Pose& T,
@@ -106,10 +106,12 @@ Matrix6d with_systematic_deviation(const Matrix6d& information, const Pose& T,
   return 0.5 * (sum + sum.transpose());
 }
 
-double median_range_m(std::span<const RegistrationTerm> terms, const PointSelection& selection) {
+double median_range_m(std::span<const RegistrationTerm> terms) {
+  constexpr std::size_t kRanges = 1'000;
   std::vector<float> ranges;
   for (const RegistrationTerm& term : terms) {
-    for (std::size_t i = 0; i < term.scan->size(); i += selection.step) {
+    const std::size_t step = std::max<std::size_t>(1, term.scan->size() / kRanges);
+    for (std::size_t i = 0; i < term.scan->size(); i += step) {
       ranges.push_back((*term.scan)[i].norm());
     }
   }

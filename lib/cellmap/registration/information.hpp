@@ -21,8 +21,9 @@ namespace cellmap {
 /// covariances say (23 neighbouring single scans of KITTI 00, mean squared normalised error 5 to 6
 /// times too large without it).
 constexpr double kPlanesAWitness = 6.0;
-Matrix6d information_of(std::span<const RegistrationTerm> terms, std::span<const HitDistances> hits,
-                        const Pose& T, const PointSelection& selection);
+/// `terms` as they were looked up at `T`.
+Matrix6d information_of(std::span<const MatchedTerm> terms, std::span<const HitDistances> hits,
+                        const Pose& T);
 
 /// `information` limited by the systematic deviations of the options: the inverse of the sum of the
 /// two covariances, which also exists where the information is singular.
@@ -39,7 +40,8 @@ struct HeldMotions {
 HeldMotions held_motions(const Matrix6d& information, const Pose& T, double median_range_m,
                          double degeneracy_share);
 
-/// Median range of every selected point of all scans; 0 where there are none.
-double median_range_m(std::span<const RegistrationTerm> terms, const PointSelection& selection);
+/// Median range of the points of all scans, of about 1,000 evenly spaced ones of each where there
+/// are more; 0 where there are none.
+double median_range_m(std::span<const RegistrationTerm> terms);
 
 }  // namespace cellmap

@@ -63,53 +63,134 @@ class CreepAccelerator {
   Tangent previous_ = Tangent::Zero();
 };
 
-/// Runs the stages from `result.T_target_source`; sets pose, iterations and convergence.
-void iterate(std::span<const RegistrationTerm> terms, const RegistrationOptions& options,
-             const PointSelection& selection, double median_range_m, RegistrationResult& result) {
-  const std::vector<RegistrationStage> stages =
-      options.stages.empty() ? default_registration_stages() : options.stages;
-  for (std::size_t s = 0; s < stages.size(); ++s) {
-    CreepAccelerator accelerator(median_range_m);
-    for (int i = 0; i < stages[s].max_iterations; ++i) {
-      const Pose& T = result.T_target_source;
-      const NormalSystem system = normal_system(terms, T, stages[s], selection);
-      if (system.points < options.min_points_in_gate) return;
-      const std::optional<Tangent> step = solve(system);
-      if (!step) return;
-      const Pose moved = exp(*step) * T;
-      const double translation = (moved.translation() - T.translation()).norm();
-      ++result.iterations;
-      if (s + 1 == stages.size() && translation < options.convergence_translation_m &&
-          step->tail<3>().norm() < options.convergence_rotation_rad) {
-        result.T_target_source = moved;
-        result.converged = true;
-        return;
-      }
-      const bool may_creep = stages[s].kernel != RobustKernel::kNone;
-      result.T_target_source = may_creep ? exp(accelerator.lengthened(*step)) * T : moved;
+/// Terms whose scans may have been thinned.
+struct ThinnedTerms {
+  std::vector<PointCloud> scans;
+  std::vector<RegistrationTerm> terms;
+};
+
+/// Every n-th point of each scan, n being `step_of(number of points)`.
+template <typename StepOf>
+ThinnedTerms thin(std::span<const RegistrationTerm> terms, const StepOf& step_of) {
+  ThinnedTerms thinned;
+  thinned.scans.reserve(terms.size());  // terms point at them
+  for (RegistrationTerm term : terms) {
+    const std::size_t step = step_of(term.scan->size());
+    if (step > 1) {
+      thinned.scans.push_back(every_nth(*term.scan, step));
+      term.scan = &thinned.scans.back();
     }
+    thinned.terms.push_back(term);
+  }
+  return thinned;
+}
+
+std::vector<MatchedTerm> matched(std::span<const RegistrationTerm> terms, int threads) {
+  std::vector<MatchedTerm> matched;
+  for (const RegistrationTerm& term : terms) matched.emplace_back(term, threads);
+  return matched;
+}
+
+/// Says when the planes of points must be looked up again (RegistrationOptions::reuse_share).
+class Staleness {
+ public:
+  Staleness(double median_range_m, double allowed_rad)
+      : range_m_(median_range_m), allowed_rad_(allowed_rad) {}
+
+  bool is_stale(const Pose& T) const {
+    if (!looked_up_at_ || !(range_m_ > 0)) return true;
+    return angle_between_rad(*looked_up_at_, T) +
+               (looked_up_at_->translation() - T.translation()).norm() / range_m_ >
+           allowed_rad_;
+  }
+  void looked_up(const Pose& T) { looked_up_at_ = T; }
+  void expire() { looked_up_at_.reset(); }
+
+ private:
+  double range_m_, allowed_rad_;
+  std::optional<Pose> looked_up_at_;
+};
+
+/// What a registration works with from the first iteration to the scores.
+struct Problem {
+  std::span<const RegistrationTerm> terms;
+  const RegistrationOptions& options;
+  double median_range_m;
+
+  double allowed_reuse_rad() const {
+    return options.reuse_share * terms.front().target->lattice().patch_radius_rad();
+  }
+};
+
+/// Runs one stage from `result.T_target_source`; false where the registration has come to its end.
+bool run_stage(const Problem& problem, const RegistrationStage& stage, bool is_last,
+               std::span<MatchedTerm> terms, RegistrationResult& result) {
+  const RegistrationOptions& options = problem.options;
+  CreepAccelerator accelerator(problem.median_range_m);
+  Staleness staleness(problem.median_range_m, problem.allowed_reuse_rad());
+  for (int i = 0; i < stage.max_iterations; ++i) {
+    const Pose& T = result.T_target_source;
+    const bool look_up = staleness.is_stale(T);
+    if (look_up) staleness.looked_up(T);
+    NormalSystem system;
+    for (MatchedTerm& term : terms) term.add_normal_equations(T, stage, look_up, system);
+    if (system.points < options.min_points_in_gate) return false;
+    const std::optional<Tangent> step = solve(system);
+    if (!step) return false;
+    const Pose moved = exp(*step) * T;
+    const double translation = (moved.translation() - T.translation()).norm();
+    ++result.iterations;
+    if (is_last && translation < options.convergence_translation_m &&
+        step->tail<3>().norm() < options.convergence_rotation_rad) {
+      result.T_target_source = moved;
+      result.converged = look_up;
+      if (result.converged) return false;
+      staleness.expire();
+      continue;
+    }
+    const bool may_creep = stage.kernel != RobustKernel::kNone;
+    result.T_target_source = may_creep ? exp(accelerator.lengthened(*step)) * T : moved;
+  }
+  return !is_last;
+}
+
+void iterate(const Problem& problem, RegistrationResult& result) {
+  const std::vector<RegistrationStage> stages =
+      problem.options.stages.empty() ? default_registration_stages() : problem.options.stages;
+  ThinnedTerms thinned;
+  std::vector<MatchedTerm> terms;
+  for (std::size_t s = 0; s < stages.size(); ++s) {
+    const std::size_t most = stages[s].max_points;
+    if (terms.empty() || most != stages[s - 1].max_points) {
+      thinned = thin(problem.terms, [most](std::size_t points) {
+        return most == 0 ? 1 : std::max<std::size_t>(1, (points + most - 1) / most);
+      });
+      terms = matched(thinned.terms, problem.options.threads);
+    }
+    if (!run_stage(problem, stages[s], s + 1 == stages.size(), terms, result)) return;
   }
 }
 
-RegistrationResult register_terms(std::span<const RegistrationTerm> terms, const Pose& T_initial,
-                                  const RegistrationOptions& options) {
+RegistrationResult register_terms(std::span<const RegistrationTerm> all_terms,
+                                  const Pose& T_initial, const RegistrationOptions& options) {
   options.validate();
   assert(is_rigid(T_initial));
-  const PointSelection selection{options.point_step, options.threads};
+  const ThinnedTerms selected = thin(all_terms, [&](std::size_t) { return options.point_step; });
+  const Problem problem{selected.terms, options, median_range_m(selected.terms)};
   RegistrationResult result;
   result.T_target_source = T_initial;
-  const double range_m = median_range_m(terms, selection);
-  iterate(terms, options, selection, range_m, result);
+  iterate(problem, result);
 
+  std::vector<MatchedTerm> terms = matched(selected.terms, options.threads);
   std::vector<HitDistances> hits;
-  for (const RegistrationTerm& term : terms) {
-    hits.push_back(hit_distances(term, result.T_target_source, selection));
+  for (MatchedTerm& term : terms) {
+    hits.push_back(term.look_up_distances(result.T_target_source));
   }
   result.scores = scores_of(hits);
   result.rmse_m = inlier_rmse_m(hits);
-  const Matrix6d information = information_of(terms, hits, result.T_target_source, selection);
-  const HeldMotions held =
-      held_motions(information, result.T_target_source, range_m, options.degeneracy_share);
+  const Matrix6d information = information_of(terms, hits, result.T_target_source);
+  const HeldMotions held = held_motions(information, result.T_target_source, problem.median_range_m,
+                                        options.degeneracy_share);
   result.degeneracy = held.degeneracy;
   result.information = with_systematic_deviation(held.information, result.T_target_source, options);
   return result;
@@ -125,14 +206,16 @@ RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
                                                  " cannot be read with the lattice " +
                                                  to_string(lattice_->spec()));
   }
-  plane_of_.assign(lattice_->size(), -1);
-  offsets_.reserve(cell_->planes.size());
+  slots_.assign(lattice_->size(), 0);
+  hesse_planes_.reserve(cell_->planes.size() + 1);
+  hesse_planes_.push_back({0, 0, 0, HUGE_VALF});
   for (std::size_t k = 0; k < cell_->planes.size(); ++k) {
     const Plane& plane = cell_->planes[k];
     const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
-    plane_of_[cell_->indices[k]] = static_cast<std::int32_t>(k);
-    offsets_.push_back(
-        static_cast<float>(plane.distance_m * normal.dot(lattice_->direction(cell_->indices[k]))));
+    slots_[cell_->indices[k]] = static_cast<std::uint32_t>(k + 1);
+    hesse_planes_.push_back({plane.nx, plane.ny, plane.nz,
+                             static_cast<float>(plane.distance_m * normal.dot(lattice_->direction(
+                                                                       cell_->indices[k])))});
   }
 }
 
@@ -156,6 +239,7 @@ void RegistrationOptions::validate() const {
   require(convergence_translation_m > 0, "convergence_translation_m > 0");
   require(convergence_rotation_rad > 0, "convergence_rotation_rad > 0");
   require(point_step >= 1, "point_step >= 1");
+  require(reuse_share >= 0 && reuse_share <= 1, "0 <= reuse_share <= 1");
   require(min_points_in_gate >= 6, "min_points_in_gate >= 6");
   require(degeneracy_share >= 0 && degeneracy_share <= 1, "0 <= degeneracy_share <= 1");
   require(systematic_translation_m >= 0 && std::isfinite(systematic_translation_m),

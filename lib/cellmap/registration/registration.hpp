@@ -8,12 +8,12 @@
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/geometry/point_cloud.hpp"
 #include "cellmap/geometry/pose.hpp"
+#include "cellmap/simd/residuals.hpp"
 
 namespace cellmap {
 
 /// A CELL made ready to be registered to: the plane of any direction in one look-up.
-/// Immutable and safe to share between threads. Memory: about 4 bytes a lattice point plus 16 a
-/// plane.
+/// Immutable and safe to share between threads. Memory: 4 bytes a lattice point plus 16 a plane.
 class RegistrationTarget {
  public:
   RegistrationTarget(std::shared_ptr<const Cell> cell, std::shared_ptr<const Lattice> lattice);
@@ -21,16 +21,18 @@ class RegistrationTarget {
   const Cell& cell() const { return *cell_; }
   const Lattice& lattice() const { return *lattice_; }
 
-  /// Position in cell().planes of the plane of a lattice point, or -1 where the patch has none.
-  std::int32_t plane_of(std::uint32_t lattice_index) const { return plane_of_[lattice_index]; }
-  /// n . (distance * direction) of a plane: the point-to-plane distance is n . p - offset.
-  float offset(std::size_t plane) const { return offsets_[plane]; }
+  /// The slot of the plane of a lattice point: its position in cell().planes plus 1; 0 where the
+  /// patch has none.
+  std::uint32_t slot_of(std::uint32_t lattice_index) const { return slots_[lattice_index]; }
+  /// Normal and offset n . (distance * direction) by slot: the point-to-plane distance is
+  /// n . p - offset. Slot 0 is infinitely far from every point.
+  const simd::HessePlane& hesse_plane(std::uint32_t slot) const { return hesse_planes_[slot]; }
 
  private:
   std::shared_ptr<const Cell> cell_;
   std::shared_ptr<const Lattice> lattice_;
-  std::vector<std::int32_t> plane_of_;
-  std::vector<float> offsets_;
+  std::vector<std::uint32_t> slots_;
+  std::vector<simd::HessePlane> hesse_planes_;
 };
 
 enum class RobustKernel { kNone, kCauchy, kGemanMcClure };
@@ -63,6 +65,12 @@ struct RegistrationOptions {
   double convergence_rotation_rad = 5e-5;
   /// Every n-th point takes part, in every iteration and in the scores; 1: all, as in the paper.
   std::size_t point_step = 1;
+  /// The plane of each point is looked up again once the pose has moved by more than this share of
+  /// a patch's radius since the last time: its rotation plus its translation over the median range.
+  /// Closer points move further, and up to about this share of all points is seen by a neighbour's
+  /// plane. A registration converges only right after looking up, so where it ends does not depend
+  /// on it. 0: look up in every iteration.
+  double reuse_share = 0.05;
   /// Fewer points than this within the gate of an iteration: the registration fails.
   std::size_t min_points_in_gate = 100;
   /// A motion whose `weakest_share` is below this is degenerate, and its information is taken for
@@ -92,7 +100,9 @@ struct RegistrationScores {
   double share_in_front =
       0;  ///< of hit points: more than 1 m nearer than the plane, along the normal
   double share_beyond = 0;  ///< of hit points: more than 1 m behind the plane, along the normal
-  double median_residual_m = 0;  ///< median absolute point-to-plane distance of hit points
+  /// Median absolute point-to-plane distance of hit points, of about 16,000 evenly spaced ones
+  /// where there are more.
+  double median_residual_m = 0;
 };
 
 /// Which motion the geometry does not hold, from the eigenvalues of the residuals' information

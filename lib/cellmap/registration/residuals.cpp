@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 
 #include "cellmap/core/parallel.hpp"
@@ -10,191 +11,181 @@
 namespace cellmap {
 namespace {
 
-/// Fixed, so that sums are formed in the same order on any number of threads.
-constexpr std::size_t kPointsAChunk = 8'192;
+/// Chunks are what threads share out, blocks what stays in the nearest cache. Both fixed, so that
+/// sums are formed in the same order on any number of threads.
+constexpr std::size_t kPointsABlock = 512;
+constexpr std::size_t kPointsAChunk = 16 * kPointsABlock;
 
-/// Moves points of one term into its CELL's frame and looks up their planes.
-class PointMover {
- public:
-  PointMover(const RegistrationTerm& term, const Pose& T)
-      : term_(term),
-        R_(term.reverse ? Eigen::Matrix3d(T.linear().transpose()) : T.linear()),
-        t_(term.reverse ? Eigen::Vector3d(-(R_ * T.translation())) : T.translation()) {}
+/// The pose that moves a term's scan into its CELL's frame.
+Pose moving_pose(const RegistrationTerm& term, const Pose& T) {
+  return term.reverse ? T.inverse(Eigen::Isometry) : T;
+}
 
-  struct Hit {
-    std::int32_t plane = -1;
-    double distance_m = 0;
-    Eigen::Vector3d moved;   // the point in the CELL's frame
-    Eigen::Vector3d normal;  // of the plane, CELL's frame
-  };
-
-  Hit look_up(std::size_t point) const {
-    Hit hit;
-    const Eigen::Vector3d p = (*term_.scan)[point].cast<double>();
-    hit.moved = R_ * p + t_;
-    if (!(hit.moved.squaredNorm() > 0)) return hit;  // at the origin there is no direction
-    hit.plane = term_.target->plane_of(term_.target->lattice().nearest(hit.moved));
-    if (hit.plane < 0) return hit;
-    const Plane& plane = term_.target->cell().planes[static_cast<std::size_t>(hit.plane)];
-    hit.normal = Eigen::Vector3d(plane.nx, plane.ny, plane.nz);
-    hit.distance_m =
-        hit.normal.dot(hit.moved) - term_.target->offset(static_cast<std::size_t>(hit.plane));
-    return hit;
-  }
-
-  /// d distance / d xi. Forward: n^T [I, -[T p]x]. Reverse: -n^T R^-1 [I, -[p]x].
-  Tangent jacobian(const Hit& hit, std::size_t point) const {
-    Tangent J;
-    if (term_.reverse) {
-      const Eigen::Vector3d m = -(R_.transpose() * hit.normal);
-      J << m, (*term_.scan)[point].cast<double>().cross(m);
-    } else {
-      J << hit.normal, hit.moved.cross(hit.normal);
+simd::Motion to_motion(const Pose& T) {
+  simd::Motion motion;
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      motion.R[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(T.linear()(r, c));
     }
-    return J;
+    motion.t[static_cast<std::size_t>(r)] = static_cast<float>(T.translation()[r]);
   }
+  return motion;
+}
 
- private:
-  const RegistrationTerm& term_;
-  Eigen::Matrix3d R_;
-  Eigen::Vector3d t_;
-};
-
-double kernel_weight(const RegistrationStage& stage, double distance) {
-  const double ratio = distance / stage.kernel_width_m;
+simd::Weights to_weights(const RegistrationStage& stage) {
+  simd::Weights weights;
+  weights.gate_m = static_cast<float>(stage.gate_m);
+  weights.inverse_width = static_cast<float>(1.0 / stage.kernel_width_m);
   switch (stage.kernel) {
     case RobustKernel::kNone:
-      return 1.0;
+      break;
     case RobustKernel::kCauchy:
-      return 1.0 / (1.0 + ratio * ratio);
+      weights.weighting = simd::Weighting::kCauchy;
+      break;
     case RobustKernel::kGemanMcClure:
+      weights.weighting = simd::Weighting::kGemanMcClure;
       break;
   }
-  const double w = 1.0 / (1.0 + ratio * ratio);
-  return w * w;
+  return weights;
 }
 
-/// The upper triangle of H and g of one chunk of points.
-struct Sums {
-  std::array<double, 21> h{};
-  std::array<double, 6> g{};
-  std::size_t points = 0;
+/// Points in the CELL's frame and what belongs to them.
+struct alignas(64) Block {
+  std::size_t begin = 0, count = 0;  // in the scan
+  std::array<float, kPointsABlock> x, y, z;
+  std::array<std::uint32_t, kPointsABlock> index;
+  std::array<simd::HessePlane, kPointsABlock> planes;
+  std::array<float, kPointsABlock> scratch;
 
-  void add(const Tangent& J, double weight, double distance) {
-    std::size_t k = 0;
-    for (int row = 0; row < 6; ++row) {
-      const double weighted = weight * J[row];
-      g[static_cast<std::size_t>(row)] += weighted * distance;
-      for (int col = row; col < 6; ++col) h[k++] += weighted * J[col];
-    }
-    ++points;
-  }
-
-  void add_to(NormalSystem& system) const {
-    std::size_t k = 0;
-    for (int row = 0; row < 6; ++row) {
-      system.g[row] += g[static_cast<std::size_t>(row)];
-      for (int col = row; col < 6; ++col) system.H(row, col) += h[k++];
-    }
-    system.points += points;
-  }
+  simd::Points points() const { return {x.data(), y.data(), z.data()}; }
 };
 
-std::size_t selected_points(const PointCloud& scan, std::size_t step) {
-  return (scan.size() + step - 1) / step;
-}
-
-/// `selection` with a step so large that no more than `max_points` take part (0: any number).
-PointSelection thinned(PointSelection selection, const PointCloud& scan, std::size_t max_points) {
-  if (max_points > 0) {
-    selection.step = std::max(selection.step, (scan.size() + max_points - 1) / max_points);
+/// Adds sums for the left perturbation of the pose that moves the scan as sums for that of T: where
+/// the scan is moved by T^-1, exp(xi) T is T exp(Ad xi), its inverse exp(-Ad xi) T^-1, with the
+/// adjoint of T^-1.
+void add_to(NormalSystem& system, std::span<const simd::NormalSums> chunks, bool reverse,
+            const Pose& T) {
+  simd::NormalSums sums;
+  for (const simd::NormalSums& chunk : chunks) sums.add(chunk);
+  Matrix6d H;
+  Tangent g;
+  std::size_t k = 0;
+  for (int row = 0; row < 6; ++row) {
+    g[row] = sums.jd[static_cast<std::size_t>(row)];
+    for (int col = row; col < 6; ++col) H(row, col) = H(col, row) = sums.jj[k++];
   }
-  return selection;
+  if (reverse) {
+    const Matrix6d A = adjoint(T.inverse(Eigen::Isometry));
+    H = A.transpose() * H * A;
+    g = -A.transpose() * g;
+  }
+  system.H += H;
+  system.g += g;
+  system.points += sums.points;
 }
 
-/// Calls `add(mover, hit, point, sums)` for every point that has a plane and adds up the chunks in
-/// order.
-template <typename Add>
-void sum_over_points(const RegistrationTerm& term, const Pose& T, const PointSelection& selection,
-                     NormalSystem& system, const Add& add) {
-  const PointMover mover(term, T);
-  const std::size_t count = selected_points(*term.scan, selection.step);
-  std::vector<Sums> chunks((count + kPointsAChunk - 1) / kPointsAChunk);
-  parallel_for(count, kPointsAChunk, selection.threads, [&](std::size_t begin, std::size_t end) {
-    Sums& sums = chunks[begin / kPointsAChunk];
-    for (std::size_t i = begin; i < end; ++i) {
-      const std::size_t point = i * selection.step;
-      const PointMover::Hit hit = mover.look_up(point);
-      if (hit.plane >= 0) add(mover, hit, point, sums);
-    }
-  });
-  for (const Sums& sums : chunks) sums.add_to(system);
-}
-
-void mirror(Matrix6d& H) { H.triangularView<Eigen::StrictlyLower>() = H.transpose(); }
+std::size_t chunks_of(std::size_t points) { return (points + kPointsAChunk - 1) / kPointsAChunk; }
 
 }  // namespace
 
 Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point) {
-  const PointMover mover(term, T);
-  const PointMover::Hit hit = mover.look_up(point);
-  if (hit.plane < 0) return {};
-  return {hit.plane, hit.distance_m, mover.jacobian(hit, point)};
+  const Eigen::Vector3d p = (*term.scan)[point].cast<double>();
+  const Pose T_cell_scan = moving_pose(term, T);
+  const Eigen::Vector3d moved = T_cell_scan * p;
+  if (!(moved.squaredNorm() > 0)) return {};  // at the origin there is no direction
+  const std::uint32_t slot = term.target->slot_of(term.target->lattice().nearest(moved));
+  if (slot == 0) return {};
+  const simd::HessePlane& plane = term.target->hesse_plane(slot);
+  const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
+  Residual residual{static_cast<std::int32_t>(slot - 1), normal.dot(moved) - plane.offset_m, {}};
+  if (term.reverse) {  // -n^T R^-1 [I, -[p]x]
+    const Eigen::Vector3d m = -(T.linear() * normal);
+    residual.jacobian << m, p.cross(m);
+  } else {  // n^T [I, -[T p]x]
+    residual.jacobian << normal, moved.cross(normal);
+  }
+  return residual;
 }
 
-HitDistances hit_distances(const RegistrationTerm& term, const Pose& T,
-                           const PointSelection& selection) {
-  const PointMover mover(term, T);
-  const std::size_t count = selected_points(*term.scan, selection.step);
-  std::vector<float> distance_m(count);
-  std::vector<std::int32_t> plane(count);
-  parallel_for(count, kPointsAChunk, selection.threads, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const PointMover::Hit hit = mover.look_up(i * selection.step);
-      plane[i] = hit.plane;
-      distance_m[i] = static_cast<float>(hit.distance_m);
+MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads)
+    : term_(term), threads_(threads), slots_(term.scan->size(), 0) {}
+
+/// Calls `per_block(block, chunk)` for all blocks, after looking their slots up into `look_up`
+/// (that is slots_) unless it is null; chunks may be on different threads.
+template <typename PerBlock>
+void MatchedTerm::visit(const Pose& T, std::uint32_t* look_up, const PerBlock& per_block) const {
+  const simd::Motion motion = to_motion(moving_pose(term_, T));
+  const PointCloud& scan = *term_.scan;
+  const RegistrationTarget& target = *term_.target;
+  parallel_for(scan.size(), kPointsAChunk, threads_, [&](std::size_t first, std::size_t last) {
+    Block block;
+    for (block.begin = first; block.begin < last; block.begin += kPointsABlock) {
+      block.count = std::min(kPointsABlock, last - block.begin);
+      simd::move(
+          motion,
+          {scan.x.data() + block.begin, scan.y.data() + block.begin, scan.z.data() + block.begin},
+          block.count, {block.x.data(), block.y.data(), block.z.data()});
+      if (look_up != nullptr) {
+        std::uint32_t* const slot = look_up + block.begin;
+        target.lattice().nearest(block.x.data(), block.y.data(), block.z.data(),
+                                 std::span(block.index).first(block.count));
+        for (std::size_t k = 0; k < block.count; ++k) {
+          slot[k] = block.index[k] == Lattice::kNowhere ? 0 : target.slot_of(block.index[k]);
+        }
+      }
+      for (std::size_t k = 0; k < block.count; ++k) {
+        block.planes[k] = target.hesse_plane(slots_[block.begin + k]);
+      }
+      per_block(block, first / kPointsAChunk);
     }
   });
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    if (plane[i] < 0) continue;
-    plane[kept] = plane[i];
-    distance_m[kept++] = distance_m[i];
-  }
-  plane.resize(kept);
-  distance_m.resize(kept);
-  return {count, std::move(distance_m), std::move(plane)};
 }
 
-NormalSystem normal_system(std::span<const RegistrationTerm> terms, const Pose& T,
-                           const RegistrationStage& stage, const PointSelection& selection) {
-  NormalSystem system;
-  for (const RegistrationTerm& term : terms) {
-    sum_over_points(
-        term, T, thinned(selection, *term.scan, stage.max_points), system,
-        [&](const PointMover& mover, const PointMover::Hit& hit, std::size_t point, Sums& sums) {
-          if (std::abs(hit.distance_m) > stage.gate_m) return;
-          sums.add(mover.jacobian(hit, point), kernel_weight(stage, hit.distance_m),
-                   hit.distance_m);
-        });
-  }
-  mirror(system.H);
-  return system;
+void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& stage, bool look_up,
+                                       NormalSystem& system) {
+  const simd::Weights weights = to_weights(stage);
+  std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
+  visit(T, look_up ? slots_.data() : nullptr, [&](Block& block, std::size_t chunk) {
+    simd::accumulate(block.planes.data(), block.points(), block.count, weights, chunks[chunk]);
+  });
+  add_to(system, chunks, term_.reverse, T);
 }
 
-NormalSystem plane_weighted_system(const RegistrationTerm& term, const Pose& T, double gate_m,
-                                   std::span<const double> weight_of_plane,
-                                   const PointSelection& selection) {
-  NormalSystem system;
-  sum_over_points(
-      term, T, selection, system,
-      [&](const PointMover& mover, const PointMover::Hit& hit, std::size_t point, Sums& sums) {
-        if (std::abs(hit.distance_m) > gate_m) return;
-        sums.add(mover.jacobian(hit, point), weight_of_plane[static_cast<std::size_t>(hit.plane)],
-                 0.0);
-      });
-  mirror(system.H);
-  return system;
+HitDistances MatchedTerm::look_up_distances(const Pose& T) {
+  std::vector<float> distance_m(slots_.size());
+  visit(T, slots_.data(), [&](Block& block, std::size_t) {
+    simd::distances(block.planes.data(), block.points(), block.count,
+                    distance_m.data() + block.begin);
+  });
+  std::vector<std::uint32_t> plane(slots_.size());
+  std::size_t hits = 0;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    plane[hits] = slots_[i] - 1;
+    distance_m[hits] = distance_m[i];
+    hits += slots_[i] != 0;
+  }
+  plane.resize(hits);
+  distance_m.resize(hits);
+  return {slots_.size(), std::move(distance_m), std::move(plane)};
+}
+
+void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
+                                     std::span<const double> weight_of_plane,
+                                     NormalSystem& system) const {
+  assert(weight_of_plane.size() == term_.target->cell().planes.size());
+  std::vector<float> weight_of_slot = {0.0f};
+  weight_of_slot.insert(weight_of_slot.end(), weight_of_plane.begin(), weight_of_plane.end());
+  simd::Weights weights{simd::Weighting::kGiven, static_cast<float>(gate_m), 0, nullptr};
+  std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
+  visit(T, nullptr, [&](Block& block, std::size_t chunk) {
+    for (std::size_t k = 0; k < block.count; ++k) {
+      block.scratch[k] = weight_of_slot[slots_[block.begin + k]];
+    }
+    simd::Weights given = weights;
+    given.given = block.scratch.data();
+    simd::accumulate(block.planes.data(), block.points(), block.count, given, chunks[chunk]);
+  });
+  add_to(system, chunks, term_.reverse, T);
 }
 
 }  // namespace cellmap

@@ -28,36 +28,53 @@ struct Residual {
 /// The residual of one point of a term's scan at the pose `T`.
 Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point);
 
-/// Which points take part, and on how many threads they are summed.
-struct PointSelection {
-  std::size_t step = 1;
-  int threads = 1;
-};
-
 /// Signed distances of a term's points from their planes; points without a plane are left out.
 struct HitDistances {
   std::size_t points = 0;  ///< looked at, with or without a plane
   std::vector<float> distance_m;
-  std::vector<std::int32_t> plane;  ///< same length
+  std::vector<std::uint32_t> plane;  ///< position in the CELL's planes; same length
 };
-HitDistances hit_distances(const RegistrationTerm& term, const Pose& T,
-                           const PointSelection& selection);
 
-/// Sums of a weighted least-squares problem over points: the normal equations H xi = -g.
+/// Sums of a weighted least-squares problem over points: the normal equations H xi = -g for the
+/// left perturbation exp(xi) * T.
 struct NormalSystem {
   Matrix6d H = Matrix6d::Zero();
   Tangent g = Tangent::Zero();
   std::size_t points = 0;  ///< that had a weight
 };
 
-/// Normal equations of all points of all terms within the stage's gate, weighted by its kernel.
-NormalSystem normal_system(std::span<const RegistrationTerm> terms, const Pose& T,
-                           const RegistrationStage& stage, const PointSelection& selection);
+/// All points of a term and the plane that each of them met when it was last looked up. Points are
+/// moved, looked up and summed in blocks that stay in the nearest cache, in float
+/// (simd/residuals.hpp); sums of blocks are added in double in a fixed order, so that results do
+/// not depend on the number of threads. Memory: 4 bytes a point. The term's scan and target must
+/// outlive it.
+class MatchedTerm {
+ public:
+  /// `threads` as in RegistrationOptions.
+  MatchedTerm(const RegistrationTerm& term, int threads);
 
-/// The matrix H of the points of one term within `gate_m` of their planes, each with the weight of
-/// its plane; g stays zero.
-NormalSystem plane_weighted_system(const RegistrationTerm& term, const Pose& T, double gate_m,
-                                   std::span<const double> weight_of_plane,
-                                   const PointSelection& selection);
+  const RegistrationTerm& term() const { return term_; }
+
+  /// Adds the normal equations at `T` of the points within the stage's gate, weighted by its
+  /// kernel; looks the planes up first if `look_up`, else uses the last ones.
+  void add_normal_equations(const Pose& T, const RegistrationStage& stage, bool look_up,
+                            NormalSystem& system);
+
+  /// Looks the planes up at `T`.
+  HitDistances look_up_distances(const Pose& T);
+
+  /// Adds the matrix H at `T` of the points within `gate_m` of the planes they met last, each with
+  /// the weight of its plane.
+  void add_plane_weighted(const Pose& T, double gate_m, std::span<const double> weight_of_plane,
+                          NormalSystem& system) const;
+
+ private:
+  template <typename PerBlock>
+  void visit(const Pose& T, std::uint32_t* look_up, const PerBlock& per_block) const;
+
+  RegistrationTerm term_;
+  int threads_;
+  std::vector<std::uint32_t> slots_;  // RegistrationTarget::slot_of
+};
 
 }  // namespace cellmap

@@ -19,15 +19,29 @@ void require_in(double value, double min, double max, const char* name) {
                                                "; given is " + std::to_string(value));
 }
 
+double median_residual_m(std::span<const HitDistances> terms, std::size_t hits) {
+  constexpr std::size_t kSample = 16'384;
+  const std::size_t step = hits / kSample + 1;
+  std::vector<float> absolute;
+  for (const HitDistances& term : terms) {
+    for (std::size_t i = 0; i < term.distance_m.size(); i += step) {
+      absolute.push_back(std::abs(term.distance_m[i]));
+    }
+  }
+  if (absolute.empty()) return 0;
+  const auto middle = absolute.begin() + static_cast<std::ptrdiff_t>(absolute.size() / 2);
+  std::nth_element(absolute.begin(), middle, absolute.end());
+  return *middle;
+}
+
 }  // namespace
 
 RegistrationScores scores_of(std::span<const HitDistances> terms) {
-  std::vector<float> absolute;
-  std::size_t points = 0, inliers = 0, in_front = 0, beyond = 0;
+  std::size_t points = 0, hits = 0, inliers = 0, in_front = 0, beyond = 0;
   for (const HitDistances& term : terms) {
     points += term.points;
+    hits += term.distance_m.size();
     for (const float distance : term.distance_m) {
-      absolute.push_back(std::abs(distance));
       inliers += std::abs(distance) <= kInlierDistanceM;
       in_front += distance > kContradictionDistanceM;
       beyond += distance < -kContradictionDistanceM;
@@ -35,16 +49,12 @@ RegistrationScores scores_of(std::span<const HitDistances> terms) {
   }
   RegistrationScores scores;
   scores.points = static_cast<std::uint32_t>(points);
-  scores.hits = static_cast<std::uint32_t>(absolute.size());
+  scores.hits = static_cast<std::uint32_t>(hits);
   scores.inlier_ratio_all = share(inliers, points);
-  scores.inlier_ratio_hit = share(inliers, absolute.size());
-  scores.share_in_front = share(in_front, absolute.size());
-  scores.share_beyond = share(beyond, absolute.size());
-  if (!absolute.empty()) {
-    const auto middle = absolute.begin() + static_cast<std::ptrdiff_t>(absolute.size() / 2);
-    std::nth_element(absolute.begin(), middle, absolute.end());
-    scores.median_residual_m = *middle;
-  }
+  scores.inlier_ratio_hit = share(inliers, hits);
+  scores.share_in_front = share(in_front, hits);
+  scores.share_beyond = share(beyond, hits);
+  scores.median_residual_m = median_residual_m(terms, hits);
   return scores;
 }
 
@@ -63,9 +73,9 @@ double inlier_rmse_m(std::span<const HitDistances> terms) {
 
 RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud& scan,
                               const Pose& T_cell_scan, std::size_t point_step) {
-  const RegistrationTerm term{&target, &scan, false};
-  const HitDistances hits =
-      hit_distances(term, T_cell_scan, {std::max<std::size_t>(point_step, 1), 1});
+  const PointCloud thinned = point_step > 1 ? every_nth(scan, point_step) : PointCloud();
+  MatchedTerm term({&target, point_step > 1 ? &thinned : &scan, false}, 1);
+  const HitDistances hits = term.look_up_distances(T_cell_scan);
   return scores_of({&hits, 1});
 }
 

@@ -1,0 +1,288 @@
+#include "cellmap/simd/nearest.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+// Compiles the rest of this file once for each instruction set.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "cellmap/simd/nearest.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+HWY_BEFORE_NAMESPACE();
+namespace cellmap::simd::HWY_NAMESPACE {
+namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
+using F = hn::ScalableTag<float>;
+using I = hn::RebindToSigned<F>;
+using VF = hn::Vec<F>;
+using VI = hn::Vec<I>;
+using MF = hn::Mask<F>;
+
+/// The basis of the zone of each lane.
+struct Basis {
+  VF index_a, index_b, turns_a, turns_b;
+};
+
+HWY_INLINE Basis basis_of(const FibonacciZones& zones, std::size_t zone) {
+  const F f;
+  return {hn::Set(f, zones.index_a[zone]), hn::Set(f, zones.index_b[zone]),
+          hn::Set(f, zones.turns_a[zone]), hn::Set(f, zones.turns_b[zone])};
+}
+
+HWY_INLINE Basis basis_at(const FibonacciZones& zones, VF r2) {
+  const F f;
+  Basis basis = basis_of(zones, 0);
+  for (std::size_t zone = 1; zone < zones.count; ++zone) {
+    const MF beyond = r2 < hn::Set(f, zones.min_r2[zone - 1]);
+    if (hn::AllFalse(f, beyond)) break;
+    const Basis next = basis_of(zones, zone);
+    basis = {hn::IfThenElse(beyond, next.index_a, basis.index_a),
+             hn::IfThenElse(beyond, next.index_b, basis.index_b),
+             hn::IfThenElse(beyond, next.turns_a, basis.turns_a),
+             hn::IfThenElse(beyond, next.turns_b, basis.turns_b)};
+  }
+  return basis;
+}
+
+/// atan2(y, x) in turns. The polynomial is the minimax fit of atan(u) / (2 pi u) in u^2 on [0, 1];
+/// it is off by at most 6e-9 turns.
+HWY_INLINE VF azimuth_turns(VF x, VF y) {
+  const F f;
+  const VF ax = hn::Abs(x), ay = hn::Abs(y);
+  const VF u = hn::Min(ax, ay) / hn::Max(ax, ay);
+  const VF s = u * u;
+  VF p = hn::Set(f, -0.000645636525f);
+  for (const float c : {0.00348089048f, -0.00890075388f, 0.0153476792f, -0.0221369994f,
+                        0.0317461158f, -0.0530461396f, 0.159154838f}) {
+    p = hn::MulAdd(p, s, hn::Set(f, c));
+  }
+  p = p * u;
+  p = hn::IfThenElse(ay > ax, hn::Set(f, 0.25f) - p, p);
+  p = hn::IfThenElse(x < hn::Zero(f), hn::Set(f, 0.5f) - p, p);
+  return hn::CopySignToAbs(p, y);
+}
+
+/// 1 - sqrt(1 - e). Near the equator |e| < 0.2 (N >= 1,000) and the series does; else |e| < 0.4 and
+/// the polynomial is a minimax fit, off by at most 2e-6 |e|.
+template <bool kNearEquator>
+HWY_INLINE VF radius_loss(VF e) {
+  const F f;
+  if constexpr (kNearEquator) {
+    const VF q = hn::MulAdd(e, hn::Set(f, 1.0f / 16), hn::Set(f, 1.0f / 8));
+    return e * hn::MulAdd(e, q, hn::Set(f, 0.5f));
+  } else {
+    VF p = hn::Set(f, 0.0217615527f);
+    for (const float c : {0.0256318029f, 0.0264757367f, 0.038508854f, 0.0625502976f, 0.1250175186f,
+                          0.4999991474f}) {
+      p = hn::MulAdd(p, e, hn::Set(f, c));
+    }
+    return e * p;
+  }
+}
+
+struct Direction {
+  VF z, r2, inverse_r2;
+  VF index;  // as a real number
+  VF turns;
+};
+
+/// Squared chord to the lattice point that is `dz` higher and `da` further in azimuth.
+template <bool kNearEquator>
+HWY_INLINE VF squared_chord(const Direction& d, VF twice_z, VF dz, VF da) {
+  const F f;
+  const VF dz2 = dz * dz;
+  const VF e = hn::MulAdd(twice_z, dz, dz2) * d.inverse_r2;  // r'^2 = r^2 (1 - e)
+  const VF h = radius_loss<kNearEquator>(e);
+  const VF a2 = da * da;
+  VF turned = hn::MulAdd(a2, hn::Set(f, 1.0f / 360), hn::Set(f, -1.0f / 12));
+  turned = a2 * hn::MulAdd(a2, turned, hn::Set(f, 1.0f));  // 2 - 2 cos da
+  return hn::MulAdd(d.r2, hn::MulAdd(h, h, hn::NegMulAdd(h, turned, turned)), dz2);
+}
+
+/// The corner, as a float that holds its index exactly, and whether it is certain.
+struct Corner {
+  VF index;
+  MF certain;
+};
+
+template <bool kNearEquator>
+HWY_INLINE Corner nearest_corner(const FibonacciZones& zones, const Direction& d,
+                                 const Basis& basis) {
+  const F f;
+  const VF a = hn::MulSub(basis.turns_b, d.index, basis.index_b * d.turns);
+  const VF b = hn::NegMulAdd(basis.turns_a, d.index, basis.index_a * d.turns);
+  const VF floor_a = hn::Floor(a), floor_b = hn::Floor(b);
+  const VF u = a - floor_a, v = b - floor_b;
+
+  // Steps along a and b in height and radians; from the direction to the corner (0, 0), and on by
+  // one step along a, b or both.
+  const VF to_height = hn::Set(f, -2.0f / zones.points);
+  const VF to_radians = hn::Set(f, 2.0f * std::numbers::pi_v<float>);
+  const VF height_a = basis.index_a * to_height, height_b = basis.index_b * to_height;
+  const VF azimuth_a = basis.turns_a * to_radians, azimuth_b = basis.turns_b * to_radians;
+  const VF dz0 = hn::NegMulSub(height_a, u, height_b * v);
+  const VF da0 = hn::NegMulSub(azimuth_a, u, azimuth_b * v);
+  const VF dz2 = dz0 + height_b, da2 = da0 + azimuth_b;
+  const VF twice_z = d.z + d.z;
+  const VF c0 = squared_chord<kNearEquator>(d, twice_z, dz0, da0);
+  const VF c1 = squared_chord<kNearEquator>(d, twice_z, dz0 + height_a, da0 + azimuth_a);
+  const VF c2 = squared_chord<kNearEquator>(d, twice_z, dz2, da2);
+  const VF c3 = squared_chord<kNearEquator>(d, twice_z, dz2 + height_a, da2 + azimuth_a);
+
+  const VF least01 = hn::Min(c0, c1), least23 = hn::Min(c2, c3);
+  const VF second = hn::Min(hn::Max(least01, least23), hn::Min(hn::Max(c0, c1), hn::Max(c2, c3)));
+  const VF least = hn::Min(least01, least23);
+  const MF beyond_b = least23 < least01;
+  const MF beyond_a = hn::Or(hn::And(beyond_b, c3 < c2), hn::AndNot(beyond_b, c1 < c0));
+  const VF one = hn::Set(f, 1.0f);
+  const VF steps_a = floor_a + hn::IfThenElseZero(beyond_a, one);
+  const VF steps_b = floor_b + hn::IfThenElseZero(beyond_b, one);
+  return {hn::MulAdd(steps_a, basis.index_a, steps_b * basis.index_b),
+          hn::And(second - least >= hn::Set(f, zones.guard), d.r2 >= hn::Set(f, zones.cap_r2))};
+}
+
+/// As above away from the equator, in whichever hemisphere.
+HWY_INLINE Corner nearest_corner_up_or_down(const FibonacciZones& zones, Direction d) {
+  const F f;
+  const VF one = hn::Set(f, 1.0f);
+  const MF south = d.z < hn::Zero(f);
+  d.z = hn::Abs(d.z);
+  // 1 - |z| = r^2 / (1 + |z|).
+  d.index = hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, 0.5f));
+  const VF mirrored = hn::Set(f, zones.last_turns) - d.turns;
+  d.turns = hn::IfThenElse(south, mirrored - hn::Round(mirrored), d.turns);
+  Corner corner = nearest_corner<false>(zones, d, basis_at(zones, d.r2));
+  const VF last = hn::Set(f, zones.points - 1.0f);
+  corner.index = hn::IfThenElse(south, last - corner.index, corner.index);
+  return corner;
+}
+
+/// Where the kernel writes.
+struct Output {
+  std::uint32_t* index;
+  std::uint32_t* undecided;
+  std::size_t undecided_count = 0;
+};
+
+/// One vector of directions, of which the first `count` are wanted, the first one at `position`.
+HWY_INLINE void nearest_of(const FibonacciZones& zones, const Basis& equator, VF x, VF y, VF z,
+                           std::size_t position, std::size_t count, Output& out) {
+  const F f;
+  const I i;
+  const VF rho2 = hn::MulAdd(x, x, y * y);
+  const VF norm2 = hn::MulAdd(z, z, rho2);
+  const VF inverse = hn::Set(f, 1.0f) / hn::Sqrt(norm2);
+  Direction d{z * inverse, rho2 * inverse * inverse, norm2 / rho2, hn::Zero(f),
+              azimuth_turns(x, y)};
+  Corner corner;
+  if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= hn::Set(f, zones.min_r2[0])))) {
+    const VF half = hn::Set(f, 0.5f * zones.points);
+    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - 0.5f));
+    corner = nearest_corner<true>(zones, d, equator);
+  } else {
+    corner = nearest_corner_up_or_down(zones, d);
+  }
+  const VI index = hn::ConvertTo(i, corner.index);
+  HWY_ALIGN std::int32_t found[hn::MaxLanes(i)];
+  if (HWY_LIKELY(count == hn::Lanes(f) && hn::AllTrue(f, corner.certain))) {
+    // Indices are below 2^20: signed lanes hold the same bits.
+    hn::StoreU(index, i, reinterpret_cast<std::int32_t*>(out.index + position));
+    return;
+  }
+  hn::Store(hn::IfThenElse(hn::RebindMask(i, corner.certain), index, hn::Set(i, -1)), i, found);
+  for (std::size_t lane = 0; lane < count; ++lane) {
+    out.index[position + lane] = static_cast<std::uint32_t>(found[lane]);
+    if (found[lane] < 0) {
+      out.undecided[out.undecided_count++] = static_cast<std::uint32_t>(position + lane);
+    }
+  }
+}
+
+std::size_t Nearest(const FibonacciZones& zones, const float* x, const float* y, const float* z,
+                    std::size_t count, std::uint32_t* index, std::uint32_t* undecided) {
+  const F f;
+  const std::size_t lanes = hn::Lanes(f);
+  const Basis equator = basis_of(zones, 0);
+  Output out{index, undecided};
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    nearest_of(zones, equator, hn::LoadU(f, x + i), hn::LoadU(f, y + i), hn::LoadU(f, z + i), i,
+               lanes, out);
+  }
+  if (i < count) {
+    HWY_ALIGN float rest[3][hn::MaxLanes(f)] = {};
+    std::copy(x + i, x + count, rest[0]);
+    std::copy(y + i, y + count, rest[1]);
+    std::copy(z + i, z + count, rest[2]);
+    nearest_of(zones, equator, hn::Load(f, rest[0]), hn::Load(f, rest[1]), hn::Load(f, rest[2]), i,
+               count - i, out);
+  }
+  return out.undecided_count;
+}
+
+std::size_t LargestDot(const Directions& directions, std::size_t begin, std::size_t end,
+                       const double direction[3], bool last_wins) {
+  using D = hn::ScalableTag<double>;
+  const D d;
+  const auto dx = hn::Set(d, direction[0]), dy = hn::Set(d, direction[1]),
+             dz = hn::Set(d, direction[2]);
+  const std::size_t lanes = hn::Lanes(d);
+  auto largest = hn::Set(d, -HUGE_VAL);
+  auto at = hn::Zero(d);  // positions as doubles
+  auto position = hn::Add(hn::Iota(d, 0.0), hn::Set(d, static_cast<double>(begin)));
+  const auto step = hn::Set(d, static_cast<double>(lanes));
+  std::size_t k = begin;
+  for (; k + lanes <= end; k += lanes, position = hn::Add(position, step)) {
+    const auto x = hn::Mul(hn::LoadU(d, directions.x + k), dx);
+    const auto y = hn::Mul(hn::LoadU(d, directions.y + k), dy);
+    const auto z = hn::Mul(hn::LoadU(d, directions.z + k), dz);
+    const auto dot = hn::Add(hn::Add(x, y), z);
+    const auto better = last_wins ? hn::Ge(dot, largest) : hn::Gt(dot, largest);
+    largest = hn::IfThenElse(better, dot, largest);
+    at = hn::IfThenElse(better, position, at);
+  }
+  HWY_ALIGN double dots[hn::MaxLanes(d)], positions[hn::MaxLanes(d)];
+  hn::Store(largest, d, dots);
+  hn::Store(at, d, positions);
+  double best = -HUGE_VAL;
+  std::size_t found = begin;
+  const auto offer = [&](double dot, std::size_t candidate) {
+    const bool wins = last_wins ? candidate > found : candidate < found;
+    if (dot > best || (dot == best && wins)) best = dot, found = candidate;
+  };
+  for (; k < end; ++k) {
+    offer(directions.x[k] * direction[0] + directions.y[k] * direction[1] +
+              directions.z[k] * direction[2],
+          k);
+  }
+  for (std::size_t lane = 0; lane < lanes; ++lane) {
+    offer(dots[lane], static_cast<std::size_t>(positions[lane]));
+  }
+  return found;
+}
+
+}  // namespace
+}  // namespace cellmap::simd::HWY_NAMESPACE
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace cellmap::simd {
+
+HWY_EXPORT(Nearest);
+HWY_EXPORT(LargestDot);
+
+std::size_t nearest(const FibonacciZones& zones, const float* x, const float* y, const float* z,
+                    std::size_t count, std::uint32_t* index, std::uint32_t* undecided) {
+  return HWY_DYNAMIC_DISPATCH(Nearest)(zones, x, y, z, count, index, undecided);
+}
+
+std::size_t largest_dot(const Directions& directions, std::size_t begin, std::size_t end,
+                        const double direction[3], bool last_wins) {
+  return HWY_DYNAMIC_DISPATCH(LargestDot)(directions, begin, end, direction, last_wins);
+}
+
+}  // namespace cellmap::simd
+#endif
