@@ -1,15 +1,26 @@
 #pragma once
 
-#include <functional>
-#include <string>
+#include <algorithm>
+#include <string_view>
+
+#include "cellmap/simd/targets.hpp"
 
 namespace cellmap::bench {
 
-/// The instruction set that the library's kernels use; "" where it has none of its own.
-std::string instruction_set();
-
-/// Calls `body` unrestricted and then with the kernels held to AVX2 and to the narrowest set, where
-/// this processor has wider ones.
-void on_instruction_sets(const std::function<void()>& body);
+/// Calls `body` unrestricted and then with the library's kernels held to narrower instruction sets:
+/// AVX2, the SSE that every x86-64 has, and none, as far as this processor and build know them.
+template <typename Body>
+void on_instruction_sets(const Body& body) {
+  const std::string widest = simd::instruction_set();
+  body();
+  const std::vector<std::string> sets = simd::instruction_sets();
+  for (const std::string_view wanted : {"AVX2", "SSE2", "SSSE3", "SCALAR", "EMU128"}) {
+    const bool there = std::find(sets.begin(), sets.end(), wanted) != sets.end();
+    if (!there || wanted == widest) continue;
+    simd::restrict_instruction_set(std::string(wanted));
+    body();
+  }
+  simd::restrict_instruction_set("");
+}
 
 }  // namespace cellmap::bench

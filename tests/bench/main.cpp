@@ -6,8 +6,8 @@
 #include <set>
 #include <thread>
 
-#include "bench/instruction_sets.hpp"
 #include "bench/rows.hpp"
+#include "cellmap/simd/targets.hpp"
 
 namespace cellmap::bench {
 namespace {
@@ -55,8 +55,7 @@ std::vector<Row> run(const Flags& flags) {
   std::vector<Row> rows;
   bool computes = true;
   const AddRow add = [&](Row row) {
-    const std::string set = instruction_set();
-    if (computes && !set.empty()) row.extra["isa"] = set;
+    if (computes) row.extra["isa"] = simd::instruction_set();
     std::cerr << row.name << " (" << row.data << ", " << row.threads << " threads): " << row.ours
               << " against " << row.baseline << ' ' << row.unit << '\n';
     rows.push_back(std::move(row));

@@ -14,6 +14,12 @@ constexpr double kMostWaiting = 0.02;  // of the wall time of an undisturbed run
 constexpr double kWakeUpS = 50e-6;     // what waking threads costs on an idle machine
 constexpr double kShortestSampleS = 0.01;
 
+double waited_s(const std::filesystem::path& task) {
+  double ran_ns = 0, waited_ns = 0;
+  std::ifstream(task / "schedstat") >> ran_ns >> waited_ns;
+  return 1e-9 * waited_ns;
+}
+
 struct Sample {
   double seconds = 0;  // of one run
   double waiting = 0;  // share of the time that was spent waiting for a processor
@@ -24,7 +30,9 @@ struct Sample {
 class Sampler {
  public:
   /// The warm-up also tells how often a sample repeats the run.
-  Sampler(const Contestant& contestant, const Effort& effort) : contestant_(contestant) {
+  Sampler(const Contestant& contestant, const Effort& effort)
+      : contestant_(contestant),
+        waited_s_(effort.threads == 1 ? this_thread_waited_s : all_threads_waited_s) {
     if (!effort.warm_up) return;
     const double once = take().seconds;
     if (!contestant_.prepare) {
@@ -34,16 +42,17 @@ class Sampler {
 
   Sample take() const {
     if (contestant_.prepare) contestant_.prepare();
-    const double waited_before = waited_s();
+    const double waited_before = waited_s_();
     const double begin = now_s();
     for (int run = 0; run < runs_; ++run) contestant_.run();
     const double wall = std::max(now_s() - begin, 1e-9);
-    const double waited = std::max(0.0, waited_s() - waited_before - kWakeUpS);
+    const double waited = std::max(0.0, waited_s_() - waited_before - kWakeUpS);
     return {wall / runs_, waited / wall};
   }
 
  private:
   const Contestant& contestant_;
+  double (*waited_s_)();
   int runs_ = 1;
 };
 
@@ -97,14 +106,14 @@ double now_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-double waited_s() {
-  double nanoseconds = 0;
+double this_thread_waited_s() { return waited_s("/proc/thread-self"); }
+
+double all_threads_waited_s() {
+  double seconds = 0;
   for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
-    double ran = 0, waited = 0;
-    std::ifstream(task.path() / "schedstat") >> ran >> waited;
-    nanoseconds += waited;
+    seconds += waited_s(task.path());
   }
-  return nanoseconds * 1e-9;
+  return seconds;
 }
 
 Comparison compare(const Contestant& ours, const Contestant& baseline, const Effort& effort) {

@@ -32,16 +32,19 @@ struct Comparison {
 
 /// Runs both once to warm up, then A B A B ... and compares each run of ours with the run of the
 /// baseline right after it, so that a slower clock or a busy neighbour meets both. A pair is left
-/// out where the threads of this process waited for a processor during more than 2 % of its time
-/// (the kernel counts it: /proc/self/task/*/schedstat). The loop is not Google Benchmark's, because
+/// out where its threads waited for a processor during more than 2 % of its time (the kernel counts
+/// it: schedstat in /proc). The loop is not Google Benchmark's, because
 /// that neither pairs the repetitions of two benchmarks nor leaves out disturbed ones.
 Comparison compare(const Contestant& ours, const Contestant& baseline, const Effort& effort);
 
 /// The median of the undisturbed runs of one contestant; `ratio` and `baseline_s` stay 0.
 Comparison measure(const Contestant& ours, const Effort& effort);
 
-/// Seconds that the threads of this process have been ready to run without a processor.
-double waited_s();
+/// Seconds for which this thread has been ready to run without a processor, or all threads of the
+/// process together. Idle workers of a thread pool look for work and wait, too: they must not count
+/// where one thread is measured.
+double this_thread_waited_s();
+double all_threads_waited_s();
 
 /// Wall clock.
 double now_s();
