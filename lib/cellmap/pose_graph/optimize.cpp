@@ -1,14 +1,13 @@
-#include <ceres/ceres.h>
-
-#include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <limits>
 #include <numeric>
-#include <thread>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/core/parallel.hpp"
+#include "cellmap/pose_graph/block_cholesky.hpp"
+#include "cellmap/pose_graph/constraint_residual.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
 namespace cellmap {
@@ -17,122 +16,12 @@ namespace {
 constexpr double kMovedTranslationM = 1e-4;
 constexpr double kMovedRotationRad = 1e-6;
 
-/// Ceres' view of a pose: quaternion (x, y, z, w), then translation.
-using PoseBlock = std::array<double, 7>;
+/// A step in which no node moves farther than this is the last one; steps shrink quadratically, so
+/// what it leaves is far below what counts as moved.
+constexpr double kLastStepM = 1e-5;
+constexpr double kLastStepRad = 1e-7;
 
-PoseBlock to_block(const Pose& T) {
-  const auto [x, y, z, qx, qy, qz, qw] = to_xyz_qxyzw(T);
-  return {qx, qy, qz, qw, x, y, z};
-}
-
-Pose to_pose(const PoseBlock& b) {
-  Pose T = Pose::Identity();
-  T.linear() = Eigen::Quaterniond(b[3], b[0], b[1], b[2]).normalized().toRotationMatrix();
-  T.translation() << b[4], b[5], b[6];
-  return T;
-}
-
-/// `log` of geometry/pose.hpp from a unit quaternion, written so that automatic derivatives are
-/// finite at the identity, where square roots have none.
-template <typename T>
-Eigen::Matrix<T, 6, 1> se3_log(Eigen::Quaternion<T> q, const Eigen::Matrix<T, 3, 1>& t) {
-  using std::atan2;
-  using std::sqrt;
-  using std::tan;
-  if (q.w() < T(0)) q.coeffs() = -q.coeffs();
-  const T n2 = q.vec().squaredNorm();
-  T scale, c;  // phi = scale * vec(q); V^-1 = I - W / 2 + c W^2
-  if (n2 < T(1e-12)) {
-    scale = T(2) / q.w() * (T(1) - n2 / (T(3) * q.w() * q.w()));
-    c = T(1.0 / 12.0) + n2 / T(180.0);
-  } else {
-    const T n = sqrt(n2);
-    const T half = atan2(n, q.w());
-    scale = T(2) * half / n;
-    c = (T(1) - half * q.w() / n) / (T(4) * half * half);
-  }
-  const Eigen::Matrix<T, 3, 1> phi = scale * q.vec();
-  const Eigen::Matrix<T, 3, 1> W_t = phi.cross(t);
-  Eigen::Matrix<T, 6, 1> xi;
-  xi << t - T(0.5) * W_t + c * phi.cross(W_t), phi;
-  return xi;
-}
-
-/// A matrix S with S^T S = information; rows of weightless directions are zero.
-Matrix6d square_root(const Matrix6d& information) {
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(0.5 *
-                                                       (information + information.transpose()));
-  return solver.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal() *
-         solver.eigenvectors().transpose();
-}
-
-/// S * log(T_from_to^-1 * T_from^-1 * T_to), with S whitening the *right* perturbation of the
-/// measurement: log(M^-1 T) = Ad(M)^-1 log(T M^-1), so S = sqrt(information) * Ad(M).
-class ConstraintResidual {
- public:
-  explicit ConstraintResidual(const Constraint& constraint)
-      : q_to_from_(constraint.T_from_to.linear().transpose()),
-        t_from_to_(constraint.T_from_to.translation()),
-        whitening_(square_root(constraint.information) * adjoint(constraint.T_from_to)) {
-    q_to_from_.normalize();
-  }
-
-  template <typename T>
-  bool operator()(const T* from, const T* to, T* residual) const {
-    using Vector3 = Eigen::Matrix<T, 3, 1>;
-    const Eigen::Map<const Eigen::Quaternion<T>> q_from(from), q_to(to);
-    const Eigen::Map<const Vector3> t_from(from + 4), t_to(to + 4);
-    const Eigen::Quaternion<T> q_measured = q_to_from_.cast<T>();
-    const Vector3 t_relative = q_from.conjugate() * (t_to - t_from);
-    const Eigen::Quaternion<T> q_error = q_measured * (q_from.conjugate() * q_to);
-    const Vector3 t_error = q_measured * (t_relative - t_from_to_.cast<T>());
-    Eigen::Map<Eigen::Matrix<T, 6, 1>> out(residual);
-    out = whitening_.cast<T>() * se3_log<T>(q_error, t_error);
-    return true;
-  }
-
- private:
-  Eigen::Quaterniond q_to_from_;
-  Eigen::Vector3d t_from_to_;
-  Matrix6d whitening_;
-};
-
-using ConstraintCost = ceres::AutoDiffCostFunction<ConstraintResidual, 6, 7, 7>;
-using PoseManifold =
-    ceres::ProductManifold<ceres::EigenQuaternionManifold, ceres::EuclideanManifold<3>>;
-
-/// Positions of a graph's nodes in arrays.
-class NodeTable {
- public:
-  explicit NodeTable(const PoseGraph& graph) {
-    for (const auto& [id, T] : graph.nodes) {
-      if (!is_rigid(T)) {
-        throw Error(ErrorCode::kInvalidArgument,
-                    "CELL " + std::to_string(id.value) + " has a pose that is not rigid");
-      }
-      ids_.push_back(id);
-      blocks_.push_back(to_block(T));
-    }
-  }
-
-  std::size_t size() const { return ids_.size(); }
-  CellId id(std::size_t i) const { return ids_[i]; }
-  PoseBlock& block(std::size_t i) { return blocks_[i]; }
-
-  std::size_t position(CellId id) const {
-    const auto found = std::lower_bound(ids_.begin(), ids_.end(), id);
-    if (found == ids_.end() || *found != id) {
-      throw Error(ErrorCode::kInvalidArgument, "a constraint names CELL " +
-                                                   std::to_string(id.value) +
-                                                   ", which is not in the pose graph");
-    }
-    return static_cast<std::size_t>(found - ids_.begin());
-  }
-
- private:
-  std::vector<CellId> ids_;  // ascending
-  std::vector<PoseBlock> blocks_;
-};
+constexpr std::size_t kConstraintsATask = 256;
 
 /// The lowest node of the component of each node (union-find with path halving).
 class Components {
@@ -154,82 +43,251 @@ class Components {
   std::vector<std::size_t> lowest_;
 };
 
-/// Owns what its Ceres problem refers to, so that one problem serves every stage of the loss.
+/// Cauchy's loss of a squared residual s, c^2 log(1 + s / c^2), with its derivatives by s.
+/// Without a scale: s itself.
+struct Loss {
+  double value, slope, curvature;
+
+  Loss(double s, double scale) : value(s), slope(1), curvature(0) {
+    if (!(scale > 0)) return;
+    const double c2 = scale * scale;
+    value = c2 * std::log1p(s / c2);
+    slope = 1.0 / (1.0 + s / c2);
+    curvature = -slope * slope / c2;
+  }
+};
+
+using Poses = std::vector<Pose>;
+
 class Problem {
  public:
-  Problem(const PoseGraph& graph, const PoseGraphOptions& options)
-      : options_(options), nodes_(graph), components_(graph.nodes.size()), problem_(ownership()) {
-    for (const Constraint& constraint : graph.constraints) add(constraint);
-    for (std::size_t i = 0; i < nodes_.size(); ++i) {
-      double* block = nodes_.block(i).data();
-      if (!problem_.HasParameterBlock(block)) continue;
-      problem_.SetManifold(block, &manifold_);
-      if (components_.lowest(i) == i) problem_.SetParameterBlockConstant(block);
+  Problem(const PoseGraph& graph, const PoseGraphOptions& options) : options_(options) {
+    for (const auto& [id, T] : graph.nodes) {
+      if (!is_rigid(T)) {
+        throw Error(ErrorCode::kInvalidArgument,
+                    "CELL " + std::to_string(id.value) + " has a pose that is not rigid");
+      }
+      ids_.push_back(id);
     }
+    for (const Constraint& constraint : graph.constraints) add(constraint);
+    number_unknowns();
   }
 
-  bool empty() const { return problem_.NumResidualBlocks() == 0; }
-  NodeTable& nodes() { return nodes_; }
-  bool is_fixed(std::size_t i) { return components_.lowest(i) == i; }
+  bool empty() const { return terms_.empty(); }
+  std::size_t unknowns() const { return unknowns_; }
+  std::vector<BlockCholesky::Pair> coupled_unknowns() const;
 
-  ceres::Solver::Summary solve() {
-    ceres::Solver::Options solver;
-    solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    solver.max_num_iterations = options_.max_iterations;
-    solver.num_threads = options_.threads > 0
-                             ? options_.threads
-                             : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-    solver.function_tolerance = 1e-9;
-    solver.parameter_tolerance = 1e-10;
-    solver.logging_type = ceres::SILENT;
-    ceres::Solver::Summary summary;
-    ceres::Solve(solver, &problem_, &summary);
-    return summary;
-  }
+  double cost(const Poses& poses) const;
+
+  /// `gradient` and `fill` give the derivatives of the cost at these poses by right perturbations
+  /// of the unknowns.
+  void linearise(const Poses& poses);
+  Eigen::VectorXd gradient() const;
+  void fill(double curvature_share, BlockCholesky& hessian) const;
+
+  /// poses * exp(step).
+  Poses moved(const Poses& poses, const Eigen::VectorXd& step) const;
 
  private:
-  static ceres::Problem::Options ownership() {
-    ceres::Problem::Options options;
-    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    return options;
-  }
+  static constexpr std::size_t kFixed = std::numeric_limits<std::size_t>::max();
+
+  struct Term {
+    ConstraintResidual residual;
+    std::size_t from, to;  ///< nodes
+    double loss_scale;
+  };
 
   void add(const Constraint& constraint) {
     validate(constraint);
-    const std::size_t from = nodes_.position(constraint.from), to = nodes_.position(constraint.to);
-    const bool robust = constraint.kind == ConstraintKind::kLoop && options_.loop_loss_scale > 0;
-    problem_.AddResidualBlock(new ConstraintCost(new ConstraintResidual(constraint)),
-                              robust ? &loss_ : nullptr, nodes_.block(from).data(),
-                              nodes_.block(to).data());
-    components_.join(from, to);
+    const bool robust = constraint.kind == ConstraintKind::kLoop;
+    terms_.push_back({ConstraintResidual(constraint), position(constraint.from),
+                      position(constraint.to), robust ? options_.loop_loss_scale : 0.0});
   }
 
-  PoseGraphOptions options_;
-  NodeTable nodes_;
-  Components components_;
-  PoseManifold manifold_;
-  ceres::CauchyLoss loss_{std::max(options_.loop_loss_scale, 1e-3)};
-  ceres::Problem problem_;
+  std::size_t position(CellId id) const {
+    const auto found = std::lower_bound(ids_.begin(), ids_.end(), id);
+    if (found == ids_.end() || *found != id) {
+      throw Error(ErrorCode::kInvalidArgument, "a constraint names CELL " +
+                                                   std::to_string(id.value) +
+                                                   ", which is not in the pose graph");
+    }
+    return static_cast<std::size_t>(found - ids_.begin());
+  }
+
+  /// The gauge: every component's lowest node is none.
+  void number_unknowns() {
+    Components components(ids_.size());
+    for (const Term& term : terms_) components.join(term.from, term.to);
+    unknown_.assign(ids_.size(), kFixed);
+    for (std::size_t i = 0; i < ids_.size(); ++i) {
+      if (components.lowest(i) != i) unknown_[i] = unknowns_++;
+    }
+  }
+
+  const PoseGraphOptions& options_;
+  std::vector<CellId> ids_;  // ascending
+  std::vector<Term> terms_;
+  std::vector<ConstraintResidual::Linear> linear_;  // of each term
+  std::vector<std::size_t> unknown_;                // number of a node's unknown, or kFixed
+  std::size_t unknowns_ = 0;
 };
+
+std::vector<BlockCholesky::Pair> Problem::coupled_unknowns() const {
+  std::vector<BlockCholesky::Pair> pairs;
+  for (const Term& term : terms_) {
+    if (unknown_[term.from] != kFixed && unknown_[term.to] != kFixed) {
+      pairs.emplace_back(unknown_[term.from], unknown_[term.to]);
+    }
+  }
+  return pairs;
+}
+
+double Problem::cost(const Poses& poses) const {
+  double sum = 0;
+  for (const Term& term : terms_) {
+    const Tangent e = term.residual.error(poses[term.from], poses[term.to]);
+    sum += Loss(e.dot(term.residual.weight() * e), term.loss_scale).value;
+  }
+  return 0.5 * sum;
+}
+
+void Problem::linearise(const Poses& poses) {
+  linear_.resize(terms_.size());
+  parallel_for(terms_.size(), kConstraintsATask, options_.threads,
+               [&](std::size_t begin, std::size_t end) {
+                 for (std::size_t i = begin; i < end; ++i) {
+                   const Term& term = terms_[i];
+                   linear_[i] = term.residual.linearise(poses[term.from], poses[term.to]);
+                 }
+               });
+}
+
+Eigen::VectorXd Problem::gradient() const {
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(6 * static_cast<Eigen::Index>(unknowns_));
+  for (std::size_t i = 0; i < terms_.size(); ++i) {
+    const Term& term = terms_[i];
+    const ConstraintResidual::Linear& linear = linear_[i];
+    const Tangent weighted = term.residual.weight() * linear.error;
+    const double slope = Loss(linear.error.dot(weighted), term.loss_scale).slope;
+    const auto add = [&](std::size_t node, const Matrix6d& jacobian) {
+      if (unknown_[node] == kFixed) return;
+      sum.segment<6>(6 * static_cast<Eigen::Index>(unknown_[node])) +=
+          slope * (jacobian.transpose() * weighted);
+    };
+    add(term.from, linear.by_from);
+    add(term.to, linear.by_to);
+  }
+  return sum;
+}
+
+void Problem::fill(double curvature_share, BlockCholesky& hessian) const {
+  hessian.set_zero();
+  std::size_t pair = 0;
+  for (std::size_t i = 0; i < terms_.size(); ++i) {
+    const Term& term = terms_[i];
+    const ConstraintResidual::Linear& linear = linear_[i];
+    const Matrix6d& W = term.residual.weight();
+    const Tangent weighted = W * linear.error;
+    const Loss loss(linear.error.dot(weighted), term.loss_scale);
+    Matrix6d B = loss.slope * W;
+    if (curvature_share * loss.curvature != 0) {
+      B += 2 * curvature_share * loss.curvature * weighted * weighted.transpose();
+    }
+    const Matrix6d B_to = B * linear.by_to;
+    const std::size_t from = unknown_[term.from], to = unknown_[term.to];
+    if (to != kFixed) hessian.add_diagonal(to, linear.by_to.transpose() * B_to);
+    if (from == kFixed) continue;
+    hessian.add_diagonal(from, linear.by_from.transpose() * B * linear.by_from);
+    if (to != kFixed) hessian.add_pair(pair++, linear.by_from.transpose() * B_to);
+  }
+}
+
+Poses Problem::moved(const Poses& poses, const Eigen::VectorXd& step) const {
+  Poses result = poses;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (unknown_[i] == kFixed) continue;
+    result[i] = poses[i] * exp(step.segment<6>(6 * static_cast<Eigen::Index>(unknown_[i])));
+  }
+  return result;
+}
+
+bool is_last(const Eigen::VectorXd& step) {
+  for (Eigen::Index i = 0; i < step.size(); i += 6) {
+    if (step.segment<3>(i).norm() > kLastStepM || step.segment<3>(i + 3).norm() > kLastStepRad) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/// How the next step is held back where the plain Newton step does not lower the cost.
+/// First the loss's curvature is left out bit by bit: with all of it a step ends quadratically, but
+/// losses of large residuals curve downwards, so that the Hessian may not be positive definite;
+/// without it the step is that of iteratively reweighted least squares, which always descends, but
+/// ends slowly. Then the step is damped (Levenberg-Marquardt).
+class Caution {
+ public:
+  double curvature_share() const { return 1 - left_out_; }
+  double damping() const { return damping_; }
+  bool is_exhausted() const { return damping_ > kMostDamping; }
+
+  void less() {
+    left_out_ = left_out_ > kLeastLeftOut / 4 ? left_out_ / 2 : 0;
+    damping_ = damping_ > kFirstDamping ? damping_ / 10 : 0;
+  }
+
+  void more() {
+    if (left_out_ < 1) {
+      left_out_ = std::clamp(2 * left_out_, kLeastLeftOut, 1.0);
+    } else {
+      damping_ = std::max(10 * damping_, kFirstDamping);
+    }
+  }
+
+ private:
+  static constexpr double kLeastLeftOut = 0.2;
+  static constexpr double kFirstDamping = 1e-6, kMostDamping = 1e12;
+  double left_out_ = 0, damping_ = 0;
+};
+
+PoseGraphSummary minimise(Problem& problem, Poses& poses, int max_iterations) {
+  BlockCholesky hessian(problem.unknowns(), problem.coupled_unknowns());
+  PoseGraphSummary summary;
+  summary.initial_cost = summary.final_cost = problem.cost(poses);
+  problem.linearise(poses);
+  Caution caution;
+  while (summary.iterations < max_iterations && !summary.converged && !caution.is_exhausted()) {
+    ++summary.iterations;
+    problem.fill(caution.curvature_share(), hessian);
+    if (!hessian.factorise(caution.damping())) {
+      caution.more();
+      continue;
+    }
+    const Eigen::VectorXd step = hessian.solve(-problem.gradient());
+    Poses next = problem.moved(poses, step);
+    const double cost = problem.cost(next);
+    // Rounding may hide that so small a step descends.
+    summary.converged = std::isfinite(cost) && caution.damping() == 0 && is_last(step);
+    if (cost < summary.final_cost || summary.converged) {
+      poses = std::move(next);
+      summary.final_cost = cost;
+      if (!summary.converged) problem.linearise(poses);
+      caution.less();
+    } else {
+      caution.more();
+    }
+  }
+  return summary;
+}
 
 bool has_moved(const Pose& before, const Pose& after) {
   return (before.translation() - after.translation()).norm() > kMovedTranslationM ||
          angle_between_rad(before, after) > kMovedRotationRad;
 }
 
-/// Writes back what moved; everything else keeps its bits, so that readers see no change.
-std::size_t move_nodes(PoseGraph& graph, Problem& problem) {
-  std::size_t moved = 0;
-  for (std::size_t i = 0; i < problem.nodes().size(); ++i) {
-    if (problem.is_fixed(i)) continue;
-    Pose& T = graph.nodes.at(problem.nodes().id(i));
-    const Pose optimised = to_pose(problem.nodes().block(i));
-    if (!has_moved(T, optimised)) continue;
-    T = optimised;
-    ++moved;
-  }
-  return moved;
+Pose normalised(Pose T) {
+  T.linear() = Eigen::Quaterniond(T.linear()).normalized().toRotationMatrix();
+  return T;
 }
 
 }  // namespace
@@ -252,18 +310,17 @@ void PoseGraphOptions::validate() const {
 PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options) {
   options.validate();
   Problem problem(graph, options);
-  PoseGraphSummary summary;
-  if (problem.empty()) {
-    summary.converged = true;
-    return summary;
-  }
-  const ceres::Solver::Summary solved = problem.solve();
-  summary.converged = solved.termination_type == ceres::CONVERGENCE;
-  summary.iterations = static_cast<int>(solved.iterations.size()) - 1;
-  summary.initial_cost = solved.initial_cost;
-  summary.final_cost = solved.final_cost;
-  if (solved.IsSolutionUsable() && std::isfinite(solved.final_cost)) {
-    summary.moved = move_nodes(graph, problem);
+  if (problem.empty()) return {.converged = true};
+  Poses poses;
+  for (const auto& [id, T] : graph.nodes) poses.push_back(T);
+  PoseGraphSummary summary = minimise(problem, poses, options.max_iterations);
+  auto optimised = poses.cbegin();
+  for (auto& [id, T] : graph.nodes) {
+    // What moved less keeps its bits, so that readers see no change.
+    const Pose& T_optimised = *optimised++;
+    if (!has_moved(T, T_optimised)) continue;
+    T = normalised(T_optimised);
+    ++summary.moved;
   }
   return summary;
 }

@@ -1,6 +1,6 @@
 #include "cellmap/pose_graph/pose_graph.hpp"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Cholesky>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -54,8 +54,10 @@ void validate(const Constraint& constraint) {
   if ((information - information.transpose()).cwiseAbs().maxCoeff() > kRoundingTolerance * scale) {
     refuse(constraint, "has an information matrix that is not symmetric");
   }
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(information, Eigen::EigenvaluesOnly);
-  if (solver.eigenvalues().minCoeff() < -kRoundingTolerance * scale || !(information.trace() > 0)) {
+  // A Cholesky factor of information + tolerance * I exists where no eigenvalue is below
+  // -tolerance.
+  const Matrix6d shifted = information + kRoundingTolerance * scale * Matrix6d::Identity();
+  if (!(information.trace() > 0) || shifted.llt().info() != Eigen::Success) {
     refuse(constraint,
            "has an information matrix that is not positive semi-definite with a positive trace");
   }

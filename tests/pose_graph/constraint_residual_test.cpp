@@ -1,0 +1,79 @@
+#include "cellmap/pose_graph/constraint_residual.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+namespace cellmap {
+namespace {
+
+constexpr double kStep = 1e-5;
+
+Tangent random_tangent(std::mt19937& rng, double translation, double rotation) {
+  std::normal_distribution<double> normal;
+  Tangent xi;
+  for (int i = 0; i < 6; ++i) xi[i] = normal(rng) * (i < 3 ? translation : rotation);
+  return xi;
+}
+
+TEST(InverseRightJacobian, AgreesWithNumericDerivativesForAllAngles) {
+  std::mt19937 rng(1);
+  for (const double angle : {0.0, 1e-9, 1e-4, 0.019, 0.021, 0.3, 1.5, 2.9}) {
+    Tangent xi = random_tangent(rng, 3, 1);
+    xi.tail<3>() *= angle / xi.tail<3>().norm();
+    const Matrix6d J = inverse_right_jacobian(xi);
+    for (int axis = 0; axis < 6; ++axis) {
+      const Tangent d = kStep * Tangent::Unit(axis);
+      const Tangent numeric = (log(exp(xi) * exp(d)) - log(exp(xi) * exp(-d))) / (2 * kStep);
+      EXPECT_LT((J.col(axis) - numeric).norm(), 1e-7 * (1 + J.norm())) << angle << " " << axis;
+    }
+  }
+}
+
+TEST(InverseRightJacobian, IsTheSameOnBothSidesOfTheSeriesBorder) {
+  Tangent below, above;
+  below << 1, -2, 3, Eigen::Vector3d(1, 2, -2) / 3 * (0.02 - 1e-12);
+  above << 1, -2, 3, Eigen::Vector3d(1, 2, -2) / 3 * (0.02 + 1e-12);
+  EXPECT_LT((inverse_right_jacobian(below) - inverse_right_jacobian(above)).norm(), 1e-10);
+}
+
+TEST(ConstraintResidual, DerivativesAgreeWithNumericOnes) {
+  std::mt19937 rng(2);
+  for (int i = 0; i < 20; ++i) {
+    Constraint constraint;
+    constraint.from = {1};
+    constraint.to = {2};
+    constraint.T_from_to = exp(random_tangent(rng, 5, 0.8));
+    const Pose T_from = exp(random_tangent(rng, 50, 1));
+    const Pose T_to = T_from * constraint.T_from_to * exp(random_tangent(rng, 0.5, 0.3));
+    const ConstraintResidual residual(constraint);
+    const ConstraintResidual::Linear linear = residual.linearise(T_from, T_to);
+    EXPECT_LT((linear.error - residual.error(T_from, T_to)).norm(), 1e-12);
+    for (int axis = 0; axis < 6; ++axis) {
+      const Pose plus = exp(kStep * Tangent::Unit(axis)), minus = plus.inverse();
+      const Tangent by_from =
+          (residual.error(T_from * plus, T_to) - residual.error(T_from * minus, T_to)) /
+          (2 * kStep);
+      const Tangent by_to =
+          (residual.error(T_from, T_to * plus) - residual.error(T_from, T_to * minus)) /
+          (2 * kStep);
+      EXPECT_LT((linear.by_from.col(axis) - by_from).norm(), 1e-6 * (1 + by_from.norm()));
+      EXPECT_LT((linear.by_to.col(axis) - by_to).norm(), 1e-6 * (1 + by_to.norm()));
+    }
+  }
+}
+
+TEST(ConstraintResidual, TheWeightIsTheInformationSeenFromTheOtherSide) {
+  std::mt19937 rng(3);
+  Constraint constraint;
+  constraint.T_from_to = exp(random_tangent(rng, 5, 0.8));
+  const Matrix6d A = Matrix6d::NullaryExpr([&] { return std::normal_distribution<>()(rng); });
+  constraint.information = A * A.transpose();
+  const ConstraintResidual residual(constraint);
+  const Tangent left = random_tangent(rng, 0.1, 0.1);
+  const Tangent right = log(constraint.T_from_to.inverse() * exp(left) * constraint.T_from_to);
+  EXPECT_NEAR(right.dot(residual.weight() * right), left.dot(constraint.information * left), 1e-9);
+}
+
+}  // namespace
+}  // namespace cellmap
