@@ -52,7 +52,7 @@ void nearest_row(const Setting& setting, const std::string& data, const PointClo
     setting.tree->nearest(cloud, baseline, 1);
     benchmark::DoNotOptimize(baseline.data());
   }};
-  on_instruction_sets([&] {
+  on_instruction_sets(true, [&] {
     const Comparison comparison = compare(our_way, paper_way, setting.effort(3, 1));
     check_indices(setting, cloud, ours, baseline);
     add(duration_row("nearest_lattice_point", 1, "ns/point",

@@ -8,7 +8,6 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/build_map.hpp"
 #include "cellmap/store/sqlite_store.hpp"
-#include "support/real_data.hpp"
 #include "support/temp_folder.hpp"
 
 namespace cellmap::bench {
@@ -143,7 +142,7 @@ void ingest_rows(const Setting& setting, const AddRow& add) {
   for (const int threads : setting.threads) {
     Counts counts;
     const Contestant ours{[&] { counts = map_in_memory(scans, setting.lattice, threads); }, [] {}};
-    Effort effort{.seconds = 60, .min_pairs = 2, .max_pairs = 5, .warm_up = false};
+    Effort effort{.seconds = 30, .min_pairs = 2, .max_pairs = 5, .warm_up = false};
     effort.threads = threads;
     if (setting.quick) effort.seconds = 1;
     const Comparison comparison = measure(ours, effort);
@@ -166,7 +165,7 @@ int print_peak_memory_of_build(const std::string& folder, int threads) {
 
 void kitti00_ingest_row(const AddRow& add) {
   SimulatorOptions options;
-  options.route = (test::real_data("kitti-trajectories") / "ground_truth" / "00.txt").string();
+  options.route = kitti00_route().string();
   options.threads = 0;
   const auto source = simulate(options);
   const int threads = 2;

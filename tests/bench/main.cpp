@@ -106,6 +106,11 @@ int main_of(int argc, char** argv) {
       return 2;
     }
   }
+  if (flags.kitti00 && !std::filesystem::exists(kitti00_route())) {
+    std::cerr << "--kitti00 needs the route " << kitti00_route().string()
+              << "; set CELLMAP_DATA to the folder of the real data\n";
+    return 2;
+  }
   const std::vector<Row> rows = run(flags);
   std::cout << "Machine: " << machine() << "\n\n" << to_markdown(rows);
   if (json.is_open()) json << to_json(rows).dump(1) << '\n';

@@ -11,8 +11,9 @@ namespace cellmap::bench {
 namespace {
 
 constexpr double kMostWaiting = 0.02;  // of the wall time of an undisturbed run
-constexpr double kWakeUpS = 50e-6;     // what waking threads costs on an idle machine
-constexpr double kShortestSampleS = 0.01;
+constexpr double kWakeUpS = 20e-6;     // what waking threads costs on an idle machine
+/// Long against the clock, short against the slices in which a busy machine hands out processors.
+constexpr double kShortestSampleS = 0.003;
 
 double waited_s(const std::filesystem::path& task) {
   double ran_ns = 0, waited_ns = 0;

@@ -70,7 +70,8 @@ void bidirectional_row(const Setting& setting, const CellPair& pair, const Paper
   Row row = duration_row("bidirectional_registration", threads, "ms", 1e-3,
                          against(JacobianSize::kDynamic), pair.data);
   row.extra["paper_ms"] = kPaperCorrespondencesMs + kPaperPoseMs;
-  if (threads == 1) {
+  const bool unrestricted = simd::instruction_set() == simd::instruction_sets().front();
+  if (threads == 1 && unrestricted) {
     const Comparison fixed = against(JacobianSize::kFixed);
     row.extra["baseline_fixed_size"] = fixed.baseline_s * 1e3;
     row.extra["ratio_fixed_size"] = fixed.ratio;
@@ -110,7 +111,7 @@ void registration_rows(const Setting& setting, const AddRow& add) {
   for (const CellPair& pair : setting.pairs) {
     const PaperPair paper(pair);
     for (const int threads : setting.threads) scan_row(setting, pair, paper, threads, add);
-    on_instruction_sets([&] { bidirectional_row(setting, pair, paper, 1, add); });
+    on_instruction_sets(!setting.quick, [&] { bidirectional_row(setting, pair, paper, 1, add); });
     for (const int threads : setting.threads) {
       if (threads > 1) bidirectional_row(setting, pair, paper, threads, add);
     }

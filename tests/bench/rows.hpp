@@ -23,7 +23,7 @@ struct Setting {
   /// `seconds` in the full run, a fifth of it in the quick one.
   Effort effort(double seconds, int contestant_threads) const {
     Effort effort{.seconds = seconds, .min_pairs = 7, .max_pairs = 200};
-    if (quick) effort = {.seconds = seconds / 5, .min_pairs = 3, .max_pairs = 20};
+    if (quick) effort = {.seconds = seconds / 5, .min_pairs = 3, .max_pairs = 100};
     effort.threads = contestant_threads;
     return effort;
   }
