@@ -38,6 +38,10 @@ std::vector<PosedScan> kitti_scans() {
   return scans;
 }
 
+std::filesystem::path kitti00_route() {
+  return test::real_data("kitti-trajectories") / "ground_truth" / "00.txt";
+}
+
 std::vector<LocalMap> local_maps(const std::vector<PosedScan>& scans, bool keep_last) {
   std::vector<LocalMap> maps;
   for (const PosedScan& raw : scans) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -40,6 +41,9 @@ std::vector<PosedScan> simulated_scans(std::size_t first, std::size_t count);
 
 /// The 16 scans of `kKitti`; empty where the data is not there.
 std::vector<PosedScan> kitti_scans();
+
+/// KITTI 00's ground truth, which need not be there.
+std::filesystem::path kitti00_route();
 
 /// Splits a drive as the mapper does: a new local map beyond 6 m. Only full ones, except where
 /// `keep_last`.

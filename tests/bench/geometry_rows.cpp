@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "bench/instruction_sets.hpp"
 #include "bench/rows.hpp"
 #include "cellmap/cell/build_cell.hpp"
 #include "cellmap/core/error.hpp"
@@ -51,10 +52,12 @@ void nearest_row(const Setting& setting, const std::string& data, const PointClo
     setting.tree->nearest(cloud, baseline, 1);
     benchmark::DoNotOptimize(baseline.data());
   }};
-  const Comparison comparison = compare(our_way, paper_way, setting.effort(3));
-  check_indices(setting, cloud, ours, baseline);
-  add(duration_row("nearest_lattice_point", 1, "ns/point", 1e-9 * static_cast<double>(cloud.size()),
-                   comparison, data));
+  on_instruction_sets(true, [&] {
+    const Comparison comparison = compare(our_way, paper_way, setting.effort(3, 1));
+    check_indices(setting, cloud, ours, baseline);
+    add(duration_row("nearest_lattice_point", 1, "ns/point",
+                     1e-9 * static_cast<double>(cloud.size()), comparison, data));
+  });
 }
 
 /// Without the tests that ours has and the paper has not, the two keep the same patches.
@@ -100,7 +103,7 @@ void cell_rows(const Setting& setting, const AddRow& add) {
             build_cell_paper_way(pair.local_map_a.points(), *setting.tree, threads));
       }};
       Row row = duration_row("cell_generation", threads, "ms", 1e-3,
-                             compare(ours, baseline, setting.effort(6)), pair.data);
+                             compare(ours, baseline, setting.effort(6, threads)), pair.data);
       row.extra["points"] = pair.local_map_a.points().size();
       row.extra["paper_ms"] = kPaperSegmentationMs + kPaperExtractionMs;
       add(std::move(row));

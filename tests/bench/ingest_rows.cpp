@@ -1,7 +1,3 @@
-#include <benchmark/benchmark.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -12,7 +8,6 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/build_map.hpp"
 #include "cellmap/store/sqlite_store.hpp"
-#include "support/real_data.hpp"
 #include "support/temp_folder.hpp"
 
 namespace cellmap::bench {
@@ -20,7 +15,9 @@ namespace {
 
 constexpr double kRealTimeScansPerS = 10.0;
 constexpr const char* kMap = "bench";
-constexpr int kQuickScans = 60;
+constexpr std::size_t kQuickScans = 60;
+/// So many that the vehicle is back on its first street and closes loops.
+constexpr std::size_t kFullScans = 600;
 
 MapperOptions mapper_options(int threads) {
   MapperOptions options;
@@ -31,39 +28,80 @@ MapperOptions mapper_options(int threads) {
   return options;
 }
 
-/// A mapper with the CELLs it has made, in memory.
-class MapInMemory {
+/// Counts what a mapper hands out.
+struct Counts {
+  std::size_t cells = 0, loops = 0;
+
+  void add(const CellUpdate& update) {
+    ++cells;
+    for (const Constraint& c : update.constraints) loops += c.kind == ConstraintKind::kLoop;
+  }
+};
+
+/// Maps scans; keeps the CELLs in memory.
+Counts map_in_memory(const std::vector<PosedScan>& scans, std::shared_ptr<const Lattice> lattice,
+                     int threads) {
+  std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets;
+  Mapper mapper(mapper_options(threads), "bench", lattice, {},
+                [&](CellId id) { return targets.at(id); });
+  Counts counts;
+  MemorySource source(scans);
+  build_map(source, mapper, [&](CellUpdate&& update) {
+    counts.add(update);
+    targets[update.id] = std::make_shared<const RegistrationTarget>(update.cell, lattice);
+  });
+  return counts;
+}
+
+/// Maps scans into an SQLite store, as `cellmap build` does; memory does not hold the CELLs.
+class MapInStore {
  public:
-  MapInMemory(std::shared_ptr<const Lattice> lattice, int threads)
-      : lattice_(std::move(lattice)),
+  explicit MapInStore(int threads)
+      : store_(open_sqlite_store(folder_ / "map.db")),
+        lattice_(std::make_shared<const Lattice>(store_->create_map(kMap, {}).lattice)),
         mapper_(mapper_options(threads), "bench", lattice_, {},
-                [this](CellId id) { return targets_.at(id); }) {}
+                [this](CellId id) { return load(id); }) {}
 
   void add(const PosedScan& scan) { keep(mapper_.add(scan)); }
   void finish() { keep(mapper_.finish()); }
-  std::size_t cells() const { return targets_.size(); }
-  std::size_t loops() const { return loops_; }
+  const Counts& counts() const { return counts_; }
 
  private:
-  void keep(const std::optional<CellUpdate>& update) {
-    if (!update) return;
-    targets_[update->id] = std::make_shared<const RegistrationTarget>(update->cell, lattice_);
-    for (const Constraint& c : update->constraints) loops_ += c.kind == ConstraintKind::kLoop;
+  std::shared_ptr<const RegistrationTarget> load(CellId id) const {
+    auto cell = decode_cell(zstd_decompress(*store_->compressed_cell(kMap, id), kMaxCellBytes));
+    return std::make_shared<const RegistrationTarget>(std::make_shared<const Cell>(std::move(cell)),
+                                                      lattice_);
   }
 
+  void keep(const std::optional<CellUpdate>& update) {
+    if (!update) return;
+    counts_.add(*update);
+    MapUpdate change;
+    change.cells.push_back({update->id, update->cell, encode_cell(*update->cell),
+                            update->poses.at(update->id), update->scans, update->raw_points});
+    change.poses = update->poses;
+    change.poses.erase(update->id);
+    change.add_constraints = update->constraints;
+    store_->commit(kMap, change);
+  }
+
+  const test::TempFolder folder_;
+  std::unique_ptr<Store> store_;
   std::shared_ptr<const Lattice> lattice_;
-  std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets_;
-  std::size_t loops_ = 0;
   Mapper mapper_;
+  Counts counts_;
 };
 
 /// Scans a second and how many times real time that is.
-Row rate_row(int threads, double seconds, std::size_t scans, const std::string& data) {
+Row rate_row(int threads, double seconds, std::size_t scans, const std::string& data,
+             const Counts& counts) {
   Row row{.name = "ingest", .threads = threads, .unit = "scans/s", .data = data};
   row.ours = static_cast<double>(scans) / seconds;
   row.baseline = kRealTimeScansPerS;
   row.ratio = row.ours / kRealTimeScansPerS;
   row.extra["scans"] = scans;
+  row.extra["cells"] = counts.cells;
+  row.extra["loops"] = counts.loops;
   return row;
 }
 
@@ -89,37 +127,26 @@ double peak_rss_of_child_mib(const std::filesystem::path& drive, int threads) {
   return mib;
 }
 
-std::shared_ptr<const Cell> load(const Store& store, CellId id) {
-  return std::make_shared<const Cell>(
-      decode_cell(zstd_decompress(*store.compressed_cell(kMap, id), kMaxCellBytes)));
-}
-
 }  // namespace
 
 void ingest_rows(const Setting& setting, const AddRow& add) {
-  // The full run comes back to its first street, so that loops are closed.
-  const auto scans = setting.quick ? std::vector<PosedScan>(setting.simulated.begin(),
-                                                            setting.simulated.begin() + kQuickScans)
-                                   : simulated_scans(0, 600);
+  std::vector<PosedScan> scans = setting.simulated;
+  if (setting.quick) {
+    scans.resize(kQuickScans);
+  } else {
+    scans = simulated_scans(0, kFullScans);
+  }
   const test::TempFolder folder;
   MemorySource source(scans);
   write_dataset(source, folder / "drive");
   for (const int threads : setting.threads) {
-    std::size_t cells = 0, loops = 0;
-    const Contestant ours{[&] {
-                            MapInMemory map(setting.lattice, threads);
-                            for (const PosedScan& scan : scans) map.add(scan);
-                            map.finish();
-                            cells = map.cells();
-                            loops = map.loops();
-                          },
-                          [] {}};
-    const Comparison comparison = measure(
-        ours,
-        {.seconds = setting.quick ? 1.0 : 60.0, .min_pairs = 2, .max_pairs = 5, .warm_up = false});
-    Row row = rate_row(threads, comparison.ours_s, scans.size(), kSimulated);
-    row.extra["cells"] = cells;
-    row.extra["loops"] = loops;
+    Counts counts;
+    const Contestant ours{[&] { counts = map_in_memory(scans, setting.lattice, threads); }, [] {}};
+    Effort effort{.seconds = 30, .min_pairs = 2, .max_pairs = 5, .warm_up = false};
+    effort.threads = threads;
+    if (setting.quick) effort.seconds = 1;
+    const Comparison comparison = measure(ours, effort);
+    Row row = rate_row(threads, comparison.ours_s, scans.size(), kSimulated, counts);
     row.extra["peak_rss_mib"] = peak_rss_of_child_mib(folder / "drive", threads);
     row.extra["pairs"] = comparison.pairs;
     row.extra["kept"] = comparison.kept;
@@ -128,53 +155,40 @@ void ingest_rows(const Setting& setting, const AddRow& add) {
 }
 
 int print_peak_memory_of_build(const std::string& folder, int threads) {
-  const test::TempFolder store_folder;
-  const auto store = open_sqlite_store(store_folder / "map.db");
-  const auto lattice = std::make_shared<const Lattice>(store->create_map(kMap, {}).lattice);
-  Mapper mapper(mapper_options(threads), "bench", lattice, {}, [&](CellId id) {
-    return std::make_shared<const RegistrationTarget>(load(*store, id), lattice);
-  });
+  MapInStore map(threads);
   const auto source = open_dataset(folder);
-  build_map(*source, mapper, [&](CellUpdate&& update) {
-    MapUpdate change;
-    change.cells.push_back({update.id, update.cell, encode_cell(*update.cell),
-                            update.poses.at(update.id), update.scans, update.raw_points});
-    change.poses = update.poses;
-    change.poses.erase(update.id);
-    change.add_constraints = update.constraints;
-    store->commit(kMap, change);
-  });
+  while (const auto scan = source->next()) map.add(*scan);
+  map.finish();
   std::cout << peak_rss_mib() << '\n';
   return 0;
 }
 
 void kitti00_ingest_row(const AddRow& add) {
-  const auto route = test::real_data("kitti-trajectories") / "ground_truth" / "00.txt";
   SimulatorOptions options;
-  options.route = route.string();
+  options.route = kitti00_route().string();
   options.threads = 0;
   const auto source = simulate(options);
-  const int threads = 0;
-  MapInMemory map(std::make_shared<const Lattice>(LatticeSpec{}), threads);
+  const int threads = 2;
+  MapInStore map(threads);
   double seconds = 0;
   std::size_t scans = 0;
-  while (const auto scan = source->next()) {
+  const auto timed = [&](const auto& step) {
     const double begin = now_s();
-    map.add(*scan);
+    step();
     seconds += now_s() - begin;
-    if (++scans % 500 == 0) {
-      std::cerr << scans << " scans, " << map.cells() << " CELLs, " << map.loops() << " loops, "
-                << scans / seconds << " scans/s, peak " << peak_rss_mib() << " MiB\n";
-    }
+  };
+  while (const auto scan = source->next()) {
+    timed([&] { map.add(*scan); });
+    if (++scans % 500 != 0) continue;
+    std::cerr << scans << " scans, " << map.counts().cells << " CELLs, " << map.counts().loops
+              << " loops, " << static_cast<double>(scans) / seconds << " scans/s, peak "
+              << peak_rss_mib() << " MiB\n";
   }
-  const double begin = now_s();
-  map.finish();
-  seconds += now_s() - begin;
-  Row row = rate_row(2, seconds, scans, "simulated KITTI 00 route");
-  row.extra["cells"] = map.cells();
-  row.extra["loops"] = map.loops();
+  timed([&] { map.finish(); });
+  Row row = rate_row(threads, seconds, scans, "simulated drive, KITTI 00 route", map.counts());
   row.extra["peak_rss_mib"] = peak_rss_mib();
-  row.extra["note"] = "peak memory includes the simulator and all CELLs, which are kept in memory";
+  row.extra["note"] =
+      "with encoding and the commits to the store; the peak memory includes the simulator's";
   add(std::move(row));
 }
 

@@ -130,7 +130,10 @@ void loop_rows(const Setting& setting, const AddRow& add) {
     const Comparison comparison =
         compare(Contestant{[&] { benchmark::DoNotOptimize(search()); }},
                 Contestant{[&] { benchmark::DoNotOptimize(paper_search()); }},
-                {.seconds = setting.quick ? 1.5 : 12.0, .min_pairs = 2, .warm_up = false});
+                {.seconds = setting.quick ? 1.5 : 12.0,
+                 .min_pairs = 2,
+                 .warm_up = false,
+                 .threads = threads});
     Row row = duration_row("loop_search_577", threads, "ms", 1e-3, comparison, kSimulated);
     row.extra["paper_ms"] = kPaperMs;
     row.extra["candidates"] = candidates.size();

@@ -5,10 +5,10 @@
 #include <map>
 #include <numbers>
 
+#include "bench/drive.hpp"
 #include "cellmap/pose_graph/information.hpp"
 #include "cellmap/scan/trajectory.hpp"
 #include "cellmap/simulation/random.hpp"
-#include "support/real_data.hpp"
 
 namespace cellmap::bench {
 namespace {
@@ -75,7 +75,7 @@ class EarlierPoses {
 }  // namespace
 
 std::vector<Pose> kitti00_cell_poses() {
-  const auto file = test::real_data("kitti-trajectories") / "ground_truth" / "00.txt";
+  const auto file = kitti00_route();
   std::vector<Pose> poses;
   if (!std::filesystem::exists(file)) return poses;
   const Trajectory trajectory = read_kitti_trajectory(file);

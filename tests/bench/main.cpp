@@ -7,6 +7,7 @@
 #include <thread>
 
 #include "bench/rows.hpp"
+#include "cellmap/simd/targets.hpp"
 
 namespace cellmap::bench {
 namespace {
@@ -17,15 +18,16 @@ constexpr std::size_t kStreetFirst = 20, kStreetScans = 90;
 struct Group {
   const char* name;
   void (*rows)(const Setting&, const AddRow&);
+  bool computes = true;  ///< with the library's kernels, so that the instruction set matters
 };
 constexpr std::array kGroups = {
     Group{"nearest", nearest_rows},
     Group{"cell", cell_rows},
     Group{"registration", registration_rows},
     Group{"loop", loop_rows},
-    Group{"pose_graph", pose_graph_rows},
-    Group{"codec", codec_rows},
-    Group{"store", store_rows},
+    Group{"pose_graph", pose_graph_rows, false},
+    Group{"codec", codec_rows, false},
+    Group{"store", store_rows, false},
     Group{"ingest", ingest_rows},
 };
 
@@ -51,7 +53,9 @@ struct Flags {
 
 std::vector<Row> run(const Flags& flags) {
   std::vector<Row> rows;
+  bool computes = true;
   const AddRow add = [&](Row row) {
+    if (computes) row.extra["isa"] = simd::instruction_set();
     std::cerr << row.name << " (" << row.data << ", " << row.threads << " threads): " << row.ours
               << " against " << row.baseline << ' ' << row.unit << '\n';
     rows.push_back(std::move(row));
@@ -61,9 +65,11 @@ std::vector<Row> run(const Flags& flags) {
   for (const Group& group : kGroups) {
     if (!only.empty() && !only.contains(group.name)) continue;
     const double begin = now_s();
+    computes = group.computes;
     group.rows(setting, add);
     std::cerr << "  " << group.name << " rows took " << now_s() - begin << " s\n";
   }
+  computes = true;
   if (flags.kitti00) kitti00_ingest_row(add);
   return rows;
 }
@@ -99,6 +105,11 @@ int main_of(int argc, char** argv) {
       std::cerr << "cannot write " << flags.json << "; name a file in an existing folder\n";
       return 2;
     }
+  }
+  if (flags.kitti00 && !std::filesystem::exists(kitti00_route())) {
+    std::cerr << "--kitti00 needs the route " << kitti00_route().string()
+              << "; set CELLMAP_DATA to the folder of the real data\n";
+    return 2;
   }
   const std::vector<Row> rows = run(flags);
   std::cout << "Machine: " << machine() << "\n\n" << to_markdown(rows);

@@ -10,6 +10,7 @@ struct Effort {
   int min_pairs = 3;
   int max_pairs = 50;
   bool warm_up = true;  ///< one run of each before the first pair; a run of seconds needs none
+  int threads = 1;      ///< that the contestants use
 };
 
 /// One side of a comparison. With `prepare` (not timed) every run is prepared anew; without it a
@@ -24,21 +25,26 @@ struct Comparison {
   double ours_s = 0, baseline_s = 0;
   double ratio = 0;  ///< median of baseline / ours, pair by pair: above 1 ours is faster
   int pairs = 0;     ///< that were run
-  int kept = 0;      ///< that were not disturbed; 0: none, the figures are of the calmest third
+  /// That were not disturbed. 0: none; the figures are those of the calmest third, less the time
+  /// that was spent waiting for a processor where there is one thread to wait.
+  int kept = 0;
 };
 
 /// Runs both once to warm up, then A B A B ... and compares each run of ours with the run of the
 /// baseline right after it, so that a slower clock or a busy neighbour meets both. A pair is left
-/// out where the threads of this process waited for a processor during more than 2 % of its time
-/// (the kernel counts it: /proc/self/task/*/schedstat). The loop is not Google Benchmark's, because
+/// out where its threads waited for a processor during more than 2 % of its time (the kernel counts
+/// it: schedstat in /proc). The loop is not Google Benchmark's, because
 /// that neither pairs the repetitions of two benchmarks nor leaves out disturbed ones.
 Comparison compare(const Contestant& ours, const Contestant& baseline, const Effort& effort);
 
 /// The median of the undisturbed runs of one contestant; `ratio` and `baseline_s` stay 0.
 Comparison measure(const Contestant& ours, const Effort& effort);
 
-/// Seconds that the threads of this process have been ready to run without a processor.
-double waited_s();
+/// Seconds for which this thread has been ready to run without a processor, or all threads of the
+/// process together. Idle workers of a thread pool look for work and wait, too: they must not count
+/// where one thread is measured.
+double this_thread_waited_s();
+double all_threads_waited_s();
 
 /// Wall clock.
 double now_s();

@@ -26,14 +26,17 @@ void check_solutions(const PoseGraph& start) {
 }
 
 Row compare_solvers(const std::string& name, const std::string& data, const PoseGraph& start,
-                    int threads, const Effort& effort) {
+                    int threads, Effort effort) {
+  effort.threads = threads;
   PoseGraph ours, baseline;
   PoseGraphOptions options;
   options.threads = threads;
+  PoseGraphSummary summary;
   const Comparison comparison = compare(
-      {[&] { optimize(ours, options); }, [&] { ours = start; }},
+      {[&] { summary = optimize(ours, options); }, [&] { ours = start; }},
       {[&] { optimize_as_ceres_example(baseline, threads); }, [&] { baseline = start; }}, effort);
   Row row = duration_row(name, threads, "ms", 1e-3, comparison, data);
+  row.extra["iterations"] = summary.iterations;
   row.extra["nodes"] = start.nodes.size();
   row.extra["constraints"] = start.constraints.size();
   return row;
@@ -61,10 +64,11 @@ void pose_graph_rows(const Setting& setting, const AddRow& add) {
   const PoseGraph city = loopy_graph(kitti.empty() ? street_grid_poses(577) : kitti, 11);
   check_solutions(city);
   for (const int threads : setting.threads) {
-    add(compare_solvers("pose_graph_kitti00", route + ", cold", city, threads, setting.effort(4)));
+    add(compare_solvers("pose_graph_kitti00", route + ", cold", city, threads,
+                        setting.effort(4, 1)));
   }
   add(compare_solvers("pose_graph_kitti00", route + ", one new loop", with_one_new_loop(city), 1,
-                      setting.effort(4)));
+                      setting.effort(4, 1)));
 
   const PoseGraph large = loopy_graph(street_grid_poses(10'000), 11);
   const Effort effort = {.seconds = setting.quick ? 0.0 : 20.0,

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdio>
 
+#include "bench/instruction_sets.hpp"
 #include "bench/rows.hpp"
 
 namespace cellmap::bench {
@@ -51,7 +52,7 @@ Comparison against_paper(const Setting& setting, std::span<const PaperTerm> term
   const Contestant our_way{[&] { benchmark::DoNotOptimize(ours()); }};
   const Contestant paper_way{
       [&] { benchmark::DoNotOptimize(register_paper_way(terms, *setting.tree, guess, paper)); }};
-  return compare(our_way, paper_way, setting.effort(seconds));
+  return compare(our_way, paper_way, setting.effort(seconds, paper.threads));
 }
 
 void bidirectional_row(const Setting& setting, const CellPair& pair, const PaperPair& paper,
@@ -69,7 +70,8 @@ void bidirectional_row(const Setting& setting, const CellPair& pair, const Paper
   Row row = duration_row("bidirectional_registration", threads, "ms", 1e-3,
                          against(JacobianSize::kDynamic), pair.data);
   row.extra["paper_ms"] = kPaperCorrespondencesMs + kPaperPoseMs;
-  if (threads == 1) {
+  const bool unrestricted = simd::instruction_set() == simd::instruction_sets().front();
+  if (threads == 1 && unrestricted) {
     const Comparison fixed = against(JacobianSize::kFixed);
     row.extra["baseline_fixed_size"] = fixed.baseline_s * 1e3;
     row.extra["ratio_fixed_size"] = fixed.ratio;
@@ -97,7 +99,7 @@ void scan_row(const Setting& setting, const CellPair& pair, const PaperPair& pap
       against_paper(setting, paper.forward, pair.guess(), {.threads = threads}, to_convergence, 4),
       pair.data);
   const Contestant same_work{[&] { benchmark::DoNotOptimize(four_iterations()); }};
-  row.extra["ours_four_iterations"] = measure(same_work, setting.effort(2)).ours_s * 1e3;
+  row.extra["ours_four_iterations"] = measure(same_work, setting.effort(2, threads)).ours_s * 1e3;
   row.extra["iterations"] = result.iterations;
   row.extra["points"] = pair.scan_b().size();
   add(std::move(row));
@@ -109,7 +111,10 @@ void registration_rows(const Setting& setting, const AddRow& add) {
   for (const CellPair& pair : setting.pairs) {
     const PaperPair paper(pair);
     for (const int threads : setting.threads) scan_row(setting, pair, paper, threads, add);
-    for (const int threads : setting.threads) bidirectional_row(setting, pair, paper, threads, add);
+    on_instruction_sets(!setting.quick, [&] { bidirectional_row(setting, pair, paper, 1, add); });
+    for (const int threads : setting.threads) {
+      if (threads > 1) bidirectional_row(setting, pair, paper, threads, add);
+    }
   }
 }
 

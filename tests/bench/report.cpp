@@ -36,7 +36,7 @@ std::string processor() {
 
 std::string text_of(const nlohmann::json& extra, const char* key) {
   if (!extra.contains(key)) return "";
-  return extra[key].is_string() ? extra[key].get<std::string>() : text(extra[key].get<double>());
+  return extra[key].is_string() ? extra[key].get<std::string>() : extra[key].dump();
 }
 
 bool was_disturbed(const Row& row) { return row.extra.value("kept", 1) == 0; }
@@ -45,7 +45,9 @@ bool was_disturbed(const Row& row) { return row.extra.value("kept", 1) == 0; }
 std::string notes(const std::vector<Row>& rows) {
   std::string text;
   if (std::any_of(rows.begin(), rows.end(), was_disturbed)) {
-    text = "- \\*: the machine was busy and every pair was disturbed; the calmest third is shown\n";
+    text =
+        "- \\*: the machine was busy and every pair was disturbed. The calmest third is shown; for "
+        "one thread without the time it waited for a processor\n";
   }
   for (const Row& row : rows) {
     if (!row.extra.contains("note")) continue;

@@ -21,8 +21,11 @@ struct Setting {
   std::vector<int> threads;          ///< 1, and 2 where the machine has them
 
   /// `seconds` in the full run, a fifth of it in the quick one.
-  Effort effort(double seconds) const {
-    return quick ? Effort{seconds / 5, 3, 20} : Effort{seconds, 7, 200};
+  Effort effort(double seconds, int contestant_threads) const {
+    Effort effort{.seconds = seconds, .min_pairs = 7, .max_pairs = 200};
+    if (quick) effort = {.seconds = seconds / 5, .min_pairs = 3, .max_pairs = 100};
+    effort.threads = contestant_threads;
+    return effort;
   }
 };
 

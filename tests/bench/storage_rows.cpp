@@ -115,7 +115,7 @@ void put_row(const Setting& setting, const Cell& model, int threads, const AddRo
                             },
                             [] {}};
   Row row = duration_row("store_put", threads, "ms/CELL", 1e-3 * static_cast<double>(count),
-                         compare(ours, baseline, setting.effort(5)), kSimulated);
+                         compare(ours, baseline, setting.effort(5, threads)), kSimulated);
   row.extra["encoded_bytes"] = cells.front().encoded.bytes.size();
   add(std::move(row));
 }
@@ -154,7 +154,7 @@ void get_row(const Setting& setting, const StoredCells& stored, int threads,
     });
   }};
   add(duration_row("store_get", threads, "us/CELL", 1e-6 * kReads,
-                   compare(ours, baseline, setting.effort(2)), data));
+                   compare(ours, baseline, setting.effort(2, threads)), data));
 }
 
 void check_codecs(const Cell& cell, const Bytes& frame, const std::string& naive_frame) {
@@ -182,7 +182,7 @@ void codec_rows(const Setting& setting, const AddRow& add) {
       Row row = duration_row(
           name, 1, "us", 1e-6,
           compare(Contestant{[&] { benchmark::DoNotOptimize(ours()); }},
-                  Contestant{[&] { benchmark::DoNotOptimize(baseline()); }}, setting.effort(1)),
+                  Contestant{[&] { benchmark::DoNotOptimize(baseline()); }}, setting.effort(1, 1)),
           pair.data + ", " + form);
       row.extra["planes"] = cell.planes.size();
       add(std::move(row));

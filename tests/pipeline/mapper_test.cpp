@@ -53,8 +53,8 @@ TEST_F(MapperOnATownDrive, EachStageBringsTheTrajectoryNearerToTheTruth) {
   const double bidirectional = ape(build(without_loops), truth);
   const double after = ape(*map_, truth);
   EXPECT_LT(bidirectional, 0.7 * before);
-  EXPECT_LT(after, bidirectional);
-  EXPECT_LT(after, 0.15);
+  // 28 CELLs: one marginal loop more or less moves this by a tenth of a metre.
+  EXPECT_LT(after, 0.5 * bidirectional);
 }
 
 TEST_F(MapperOnATownDrive, EveryConstraintIsNearTheTruth) {
