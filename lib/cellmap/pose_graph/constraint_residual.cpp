@@ -1,5 +1,6 @@
 #include "cellmap/pose_graph/constraint_residual.hpp"
 
+#include <Eigen/Cholesky>
 #include <cmath>
 
 namespace cellmap {
@@ -13,6 +14,13 @@ Matrix6d algebra_adjoint(const Tangent& xi) {
   ad.topLeftCorner<3, 3>() = ad.bottomRightCorner<3, 3>() = skew(xi.tail<3>());
   ad.topRightCorner<3, 3>() = skew(xi.head<3>());
   return ad;
+}
+
+/// A matrix S with S^T S = information, which may be singular.
+Matrix6d square_root(const Matrix6d& information) {
+  const Eigen::LDLT<Matrix6d> ldlt(information);
+  const Matrix6d P = ldlt.transpositionsP() * Matrix6d::Identity();
+  return ldlt.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal() * Matrix6d(ldlt.matrixU()) * P;
 }
 
 }  // namespace
@@ -35,21 +43,20 @@ Matrix6d inverse_right_jacobian(const Tangent& xi) {
 }
 
 ConstraintResidual::ConstraintResidual(const Constraint& constraint)
-    : T_to_from_(constraint.T_from_to.inverse()) {
-  const Matrix6d Ad = adjoint(constraint.T_from_to);
-  weight_ = Ad.transpose() * constraint.information * Ad;
-}
+    : T_to_from_(constraint.T_from_to.inverse()),
+      whitening_(square_root(constraint.information) * adjoint(constraint.T_from_to)) {}
 
 Tangent ConstraintResidual::error(const Pose& T_from, const Pose& T_to) const {
-  return log(T_to_from_ * (T_from.inverse() * T_to));
+  return whitening_ * log(T_to_from_ * (T_from.inverse() * T_to));
 }
 
 ConstraintResidual::Linear ConstraintResidual::linearise(const Pose& T_from,
                                                          const Pose& T_to) const {
   const Pose T_from_to = T_from.inverse() * T_to;
   Linear linear;
-  linear.error = log(T_to_from_ * T_from_to);
-  linear.by_to = inverse_right_jacobian(linear.error);
+  const Tangent xi = log(T_to_from_ * T_from_to);
+  linear.error = whitening_ * xi;
+  linear.by_to = whitening_ * inverse_right_jacobian(xi);
   // exp(-d) * T_from_to = T_from_to * exp(-Ad(T_from_to^-1) * d)
   linear.by_from = -linear.by_to * adjoint(T_from_to.inverse());
   return linear;

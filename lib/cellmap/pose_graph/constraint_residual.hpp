@@ -12,15 +12,15 @@ namespace cellmap {
 /// make it agree with x / (1 - e^-x) in value and slope at the eigenvalues. Exact for |phi| < 2 pi.
 Matrix6d inverse_right_jacobian(const Tangent& xi);
 
-/// What a constraint says of two poses: the error log(T_from_to^-1 * T_from^-1 * T_to) and its
-/// weight, the information of the *right* perturbation of the measurement. Because
-/// log(M^-1 T) = Ad(M)^-1 log(T M^-1), weight = Ad(M)^T * information * Ad(M).
+/// What a constraint says of two poses: S * log(T_from_to^-1 * T_from^-1 * T_to), whose S whitens
+/// the *right* perturbation of the measurement. Because log(M^-1 T) = Ad(M)^-1 log(T M^-1),
+/// S^T * S = Ad(M)^T * information * Ad(M).
 class ConstraintResidual {
  public:
   explicit ConstraintResidual(const Constraint& constraint);
 
+  /// In sigmas.
   Tangent error(const Pose& T_from, const Pose& T_to) const;
-  const Matrix6d& weight() const { return weight_; }
 
   /// The error and its derivatives by right perturbations, T_from * exp(d) and T_to * exp(d). Such
   /// a step turns a whole stretch of a drive about one point without any error of linearisation.
@@ -32,7 +32,7 @@ class ConstraintResidual {
 
  private:
   Pose T_to_from_;
-  Matrix6d weight_;
+  Matrix6d whitening_;
 };
 
 }  // namespace cellmap

@@ -1,13 +1,12 @@
+#include <ceres/ceres.h>
+
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <deque>
 #include <numeric>
-#include <utility>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/core/parallel.hpp"
-#include "cellmap/pose_graph/block_cholesky.hpp"
 #include "cellmap/pose_graph/constraint_residual.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
@@ -22,7 +21,107 @@ constexpr double kMovedRotationRad = 1e-6;
 constexpr double kLastStepM = 1e-5;
 constexpr double kLastStepRad = 1e-7;
 
-constexpr std::size_t kConstraintsATask = 256;
+/// Relative decrease of the cost that ends the approach; the solution need not be precise.
+constexpr double kApproachTolerance = 1e-3;
+
+/// Relative changes of the cost and of the poses that may be nothing but rounding.
+constexpr double kRoundingTolerance = 1e-14;
+
+/// So large that steps are Gauss-Newton's; Ceres halves it and more where such a step fails.
+constexpr double kTrustRegionRadius = 1e16;
+
+using Poses = std::vector<Pose>;
+
+/// Ceres' parameter block of a node is its 4x4 matrix.
+constexpr int kPoseNumbers = 16;
+static_assert(sizeof(Pose) == kPoseNumbers * sizeof(double));
+
+Pose to_pose(const double* numbers) { return Pose(Eigen::Map<const Eigen::Matrix4d>(numbers)); }
+
+using PoseJacobian = Eigen::Matrix<double, 6, kPoseNumbers, Eigen::RowMajor>;
+
+/// Steps are right perturbations, T * exp(d). Ceres only ever uses the product of a residual's
+/// Jacobian and this one, so residuals give their derivatives by d in the first six columns, and
+/// this one picks them out.
+class RightPerturbation : public ceres::Manifold {
+ public:
+  int AmbientSize() const override { return kPoseNumbers; }
+  int TangentSize() const override { return 6; }
+
+  bool Plus(const double* x, const double* d, double* sum) const override {
+    const Pose T = to_pose(x) * exp(Eigen::Map<const Tangent>(d));
+    std::copy_n(T.data(), kPoseNumbers, sum);
+    return true;
+  }
+  bool PlusJacobian(const double* /*x*/, double* jacobian) const override {
+    Eigen::Map<Eigen::Matrix<double, kPoseNumbers, 6, Eigen::RowMajor>> out(jacobian);
+    out.setIdentity();
+    return true;
+  }
+  bool Minus(const double* y, const double* x, double* difference) const override {
+    Eigen::Map<Tangent>{difference} = log(to_pose(x).inverse() * to_pose(y));
+    return true;
+  }
+  bool MinusJacobian(const double* /*x*/, double* jacobian) const override {
+    Eigen::Map<PoseJacobian>{jacobian}.setIdentity();
+    return true;
+  }
+};
+
+class ConstraintCost : public ceres::SizedCostFunction<6, kPoseNumbers, kPoseNumbers> {
+ public:
+  explicit ConstraintCost(const Constraint& constraint) : residual_(constraint) {}
+
+  bool Evaluate(const double* const* poses, double* error, double** jacobians) const override {
+    const Pose T_from = to_pose(poses[0]), T_to = to_pose(poses[1]);
+    Eigen::Map<Tangent> error_out(error);
+    if (jacobians == nullptr) {
+      error_out = residual_.error(T_from, T_to);
+      return true;
+    }
+    const ConstraintResidual::Linear linear = residual_.linearise(T_from, T_to);
+    error_out = linear.error;
+    write(linear.by_from, jacobians[0]);
+    write(linear.by_to, jacobians[1]);
+    return true;
+  }
+
+  double squared_error(const Pose& T_from, const Pose& T_to) const {
+    return residual_.error(T_from, T_to).squaredNorm();
+  }
+
+ private:
+  static void write(const Matrix6d& derivative, double* jacobian) {
+    if (jacobian == nullptr) return;  // of a fixed pose
+    Eigen::Map<PoseJacobian> out(jacobian);
+    out.leftCols<6>() = derivative;
+    out.rightCols<kPoseNumbers - 6>().setZero();
+  }
+
+  ConstraintResidual residual_;
+};
+
+/// Dynamic covariance scaling (Agarwal et al., ICRA 2013): squared errors up to c^2 count in full,
+/// so that the steps towards a solution of true loops shrink quadratically; beyond it the weight
+/// falls with the fourth power of the error, so that a false loop does not bend the map.
+class ScaledCovariance : public ceres::LossFunction {
+ public:
+  explicit ScaledCovariance(double scale) : c2_(scale * scale) {}
+
+  void Evaluate(double s, double rho[3]) const override {
+    if (s <= c2_) {
+      rho[0] = s, rho[1] = 1, rho[2] = 0;
+      return;
+    }
+    const double w = 2 * c2_ / (c2_ + s);
+    rho[0] = c2_ * (3 - 2 * w);
+    rho[1] = w * w;
+    rho[2] = -2 * w * w / (c2_ + s);
+  }
+
+ private:
+  double c2_;
+};
 
 /// The lowest node of the component of each node (union-find with path halving).
 class Components {
@@ -44,65 +143,103 @@ class Components {
   std::vector<std::size_t> lowest_;
 };
 
-/// Cauchy's loss of a squared residual s, c^2 log(1 + s / c^2), with its derivatives by s.
-/// Without a scale: s itself.
-struct Loss {
-  double value, slope, curvature;
+bool has_moved(const Pose& before, const Pose& after, double translation_m, double rotation_rad) {
+  return (before.translation() - after.translation()).norm() > translation_m ||
+         angle_between_rad(before, after) > rotation_rad;
+}
 
-  Loss(double s, double scale) : value(s), slope(1), curvature(0) {
-    if (!(scale > 0)) return;
-    const double c2 = scale * scale;
-    value = c2 * std::log1p(s / c2);
-    slope = 1.0 / (1.0 + s / c2);
-    curvature = -slope * slope / c2;
+/// Ends the solution with the first step in which no pose moves by more than the bound.
+class LastStep : public ceres::IterationCallback {
+ public:
+  explicit LastStep(const Poses& poses) : poses_(poses), before_(poses) {}
+
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& iteration) override {
+    if (iteration.iteration == 0 || !iteration.step_is_successful) return ceres::SOLVER_CONTINUE;
+    bool moved = false;
+    for (std::size_t i = 0; i < poses_.size() && !moved; ++i) {
+      moved = has_moved(before_[i], poses_[i], kLastStepM, kLastStepRad);
+    }
+    before_ = poses_;
+    return moved ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
   }
+
+ private:
+  const Poses& poses_;
+  Poses before_;
 };
 
-using Poses = std::vector<Pose>;
-
+/// Owns what its Ceres problem refers to, so that one problem serves every loss.
 class Problem {
  public:
-  Problem(const PoseGraph& graph, const PoseGraphOptions& options) : options_(options) {
+  Problem(const PoseGraph& graph, const PoseGraphOptions& options)
+      : options_(options),
+        bounded_pull_(std::max(options.loop_loss_scale, kLeastLossScale)),
+        scaled_covariance_(std::max(options.loop_loss_scale, kLeastLossScale)),
+        problem_(problem_options()) {
     for (const auto& [id, T] : graph.nodes) {
       if (!is_rigid(T)) {
         throw Error(ErrorCode::kInvalidArgument,
                     "CELL " + std::to_string(id.value) + " has a pose that is not rigid");
       }
       ids_.push_back(id);
+      poses_.push_back(T);
     }
     for (const Constraint& constraint : graph.constraints) add(constraint);
-    number_unknowns();
+    fix_gauge();
   }
 
-  bool empty() const { return terms_.empty(); }
-  std::size_t unknowns() const { return unknowns_; }
-  std::vector<BlockCholesky::Pair> coupled_unknowns() const;
+  const Poses& poses() const { return poses_; }
 
-  double cost(const Poses& poses) const;
-
-  /// `gradient` and `fill` give the derivatives of the cost at these poses by right perturbations
-  /// of the unknowns.
-  void linearise(const Poses& poses);
-  Eigen::VectorXd gradient() const;
-  void fill(double curvature_share, BlockCholesky& hessian) const;
-
-  /// poses * exp(step).
-  Poses moved(const Poses& poses, const Eigen::VectorXd& step) const;
+  PoseGraphSummary solve() {
+    if (terms_.empty()) return {.converged = true};
+    PoseGraphSummary summary;
+    summary.initial_cost = cost();
+    if (has_stretched_loop()) {
+      loop_loss_.Reset(&bounded_pull_, ceres::DO_NOT_TAKE_OWNERSHIP);
+      summary.iterations = steps(run(options_.max_iterations, kApproachTolerance));
+    }
+    if (options_.loop_loss_scale > 0) {
+      loop_loss_.Reset(&scaled_covariance_, ceres::DO_NOT_TAKE_OWNERSHIP);
+    }
+    const ceres::Solver::Summary solved =
+        run(options_.max_iterations - summary.iterations, kRoundingTolerance);
+    summary.iterations += steps(solved);
+    summary.final_cost = cost();
+    summary.converged = solved.termination_type == ceres::CONVERGENCE ||
+                        solved.termination_type == ceres::USER_SUCCESS;
+    return summary;
+  }
 
  private:
-  static constexpr std::size_t kFixed = std::numeric_limits<std::size_t>::max();
+  static constexpr double kLeastLossScale = 1e-3;
 
   struct Term {
-    ConstraintResidual residual;
+    Term(const Constraint& constraint, std::size_t from_node, std::size_t to_node)
+        : cost(constraint),
+          from(from_node),
+          to(to_node),
+          is_loop(constraint.kind == ConstraintKind::kLoop) {}
+
+    ConstraintCost cost;
     std::size_t from, to;  ///< nodes
-    double loss_scale;
+    bool is_loop;
   };
+
+  static ceres::Problem::Options problem_options() {
+    ceres::Problem::Options options;
+    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.disable_all_safety_checks = true;
+    return options;
+  }
 
   void add(const Constraint& constraint) {
     validate(constraint);
-    const bool robust = constraint.kind == ConstraintKind::kLoop;
-    terms_.push_back({ConstraintResidual(constraint), position(constraint.from),
-                      position(constraint.to), robust ? options_.loop_loss_scale : 0.0});
+    Term& term =
+        terms_.emplace_back(constraint, position(constraint.from), position(constraint.to));
+    problem_.AddResidualBlock(&term.cost, term.is_loop ? &loop_loss_ : nullptr,
+                              poses_[term.from].data(), poses_[term.to].data());
   }
 
   std::size_t position(CellId id) const {
@@ -115,179 +252,71 @@ class Problem {
     return static_cast<std::size_t>(found - ids_.begin());
   }
 
-  /// The gauge: every component's lowest node is none.
-  void number_unknowns() {
-    Components components(ids_.size());
+  double loss(const Term& term) const {
+    const double s = term.cost.squared_error(poses_[term.from], poses_[term.to]);
+    if (!term.is_loop || options_.loop_loss_scale == 0) return s;
+    double rho[3];
+    scaled_covariance_.Evaluate(s, rho);
+    return rho[0];
+  }
+
+  double cost() const {
+    return 0.5 * std::accumulate(terms_.begin(), terms_.end(), 0.0,
+                                 [&](double sum, const Term& term) { return sum + loss(term); });
+  }
+
+  bool has_stretched_loop() const {
+    const double c2 = options_.loop_loss_scale * options_.loop_loss_scale;
+    return c2 > 0 && std::any_of(terms_.begin(), terms_.end(), [&](const Term& term) {
+             return term.is_loop &&
+                    term.cost.squared_error(poses_[term.from], poses_[term.to]) > c2;
+           });
+  }
+
+  ceres::Solver::Summary run(int max_iterations, double cost_tolerance) {
+    LastStep last_step(poses_);
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+    solver.max_num_iterations = max_iterations;
+    solver.initial_trust_region_radius = kTrustRegionRadius;
+    solver.function_tolerance = cost_tolerance;
+    solver.gradient_tolerance = 0;
+    solver.parameter_tolerance = kRoundingTolerance;
+    solver.num_threads = 1;
+    solver.logging_type = ceres::SILENT;
+    solver.callbacks = {&last_step};
+    solver.update_state_every_iteration = true;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem_, &summary);
+    return summary;
+  }
+
+  static int steps(const ceres::Solver::Summary& summary) {
+    return static_cast<int>(summary.iterations.size()) - 1;
+  }
+
+  /// Every component's lowest node stays.
+  void fix_gauge() {
+    Components components(poses_.size());
     for (const Term& term : terms_) components.join(term.from, term.to);
-    unknown_.assign(ids_.size(), kFixed);
-    for (std::size_t i = 0; i < ids_.size(); ++i) {
-      if (components.lowest(i) != i) unknown_[i] = unknowns_++;
+    for (std::size_t i = 0; i < poses_.size(); ++i) {
+      double* block = poses_[i].data();
+      if (!problem_.HasParameterBlock(block)) continue;
+      problem_.SetManifold(block, &manifold_);
+      if (components.lowest(i) == i) problem_.SetParameterBlockConstant(block);
     }
   }
 
   const PoseGraphOptions& options_;
   std::vector<CellId> ids_;  // ascending
-  std::vector<Term> terms_;
-  std::vector<ConstraintResidual::Linear> linear_;  // of each term
-  std::vector<std::size_t> unknown_;                // number of a node's unknown, or kFixed
-  std::size_t unknowns_ = 0;
+  Poses poses_;
+  std::deque<Term> terms_;  // does not move what Ceres points at
+  RightPerturbation manifold_;
+  ceres::CauchyLoss bounded_pull_;
+  ScaledCovariance scaled_covariance_;
+  ceres::LossFunctionWrapper loop_loss_{nullptr, ceres::DO_NOT_TAKE_OWNERSHIP};
+  ceres::Problem problem_;
 };
-
-std::vector<BlockCholesky::Pair> Problem::coupled_unknowns() const {
-  std::vector<BlockCholesky::Pair> pairs;
-  for (const Term& term : terms_) {
-    if (unknown_[term.from] != kFixed && unknown_[term.to] != kFixed) {
-      pairs.emplace_back(unknown_[term.from], unknown_[term.to]);
-    }
-  }
-  return pairs;
-}
-
-double Problem::cost(const Poses& poses) const {
-  double sum = 0;
-  for (const Term& term : terms_) {
-    const Tangent e = term.residual.error(poses[term.from], poses[term.to]);
-    sum += Loss(e.dot(term.residual.weight() * e), term.loss_scale).value;
-  }
-  return 0.5 * sum;
-}
-
-void Problem::linearise(const Poses& poses) {
-  linear_.resize(terms_.size());
-  parallel_for(terms_.size(), kConstraintsATask, options_.threads,
-               [&](std::size_t begin, std::size_t end) {
-                 for (std::size_t i = begin; i < end; ++i) {
-                   const Term& term = terms_[i];
-                   linear_[i] = term.residual.linearise(poses[term.from], poses[term.to]);
-                 }
-               });
-}
-
-Eigen::VectorXd Problem::gradient() const {
-  Eigen::VectorXd sum = Eigen::VectorXd::Zero(6 * static_cast<Eigen::Index>(unknowns_));
-  for (std::size_t i = 0; i < terms_.size(); ++i) {
-    const Term& term = terms_[i];
-    const ConstraintResidual::Linear& linear = linear_[i];
-    const Tangent weighted = term.residual.weight() * linear.error;
-    const double slope = Loss(linear.error.dot(weighted), term.loss_scale).slope;
-    const auto add = [&](std::size_t node, const Matrix6d& jacobian) {
-      if (unknown_[node] == kFixed) return;
-      sum.segment<6>(6 * static_cast<Eigen::Index>(unknown_[node])) +=
-          slope * (jacobian.transpose() * weighted);
-    };
-    add(term.from, linear.by_from);
-    add(term.to, linear.by_to);
-  }
-  return sum;
-}
-
-void Problem::fill(double curvature_share, BlockCholesky& hessian) const {
-  hessian.set_zero();
-  std::size_t pair = 0;
-  for (std::size_t i = 0; i < terms_.size(); ++i) {
-    const Term& term = terms_[i];
-    const ConstraintResidual::Linear& linear = linear_[i];
-    const Matrix6d& W = term.residual.weight();
-    const Tangent weighted = W * linear.error;
-    const Loss loss(linear.error.dot(weighted), term.loss_scale);
-    Matrix6d B = loss.slope * W;
-    if (curvature_share * loss.curvature != 0) {
-      B += 2 * curvature_share * loss.curvature * weighted * weighted.transpose();
-    }
-    const Matrix6d B_to = B * linear.by_to;
-    const std::size_t from = unknown_[term.from], to = unknown_[term.to];
-    if (to != kFixed) hessian.add_diagonal(to, linear.by_to.transpose() * B_to);
-    if (from == kFixed) continue;
-    hessian.add_diagonal(from, linear.by_from.transpose() * B * linear.by_from);
-    if (to != kFixed) hessian.add_pair(pair++, linear.by_from.transpose() * B_to);
-  }
-}
-
-Poses Problem::moved(const Poses& poses, const Eigen::VectorXd& step) const {
-  Poses result = poses;
-  for (std::size_t i = 0; i < poses.size(); ++i) {
-    if (unknown_[i] == kFixed) continue;
-    result[i] = poses[i] * exp(step.segment<6>(6 * static_cast<Eigen::Index>(unknown_[i])));
-  }
-  return result;
-}
-
-bool is_last(const Eigen::VectorXd& step) {
-  for (Eigen::Index i = 0; i < step.size(); i += 6) {
-    if (step.segment<3>(i).norm() > kLastStepM || step.segment<3>(i + 3).norm() > kLastStepRad) {
-      return false;
-    }
-  }
-  return true;
-}
-
-/// How the next step is held back where the plain Newton step does not lower the cost.
-/// First the loss's curvature is left out bit by bit: with all of it a step ends quadratically, but
-/// losses of large residuals curve downwards, so that the Hessian may not be positive definite;
-/// without it the step is that of iteratively reweighted least squares, which always descends, but
-/// ends slowly. Then the step is damped (Levenberg-Marquardt).
-class Caution {
- public:
-  double curvature_share() const { return 1 - left_out_; }
-  double damping() const { return damping_; }
-  bool is_exhausted() const { return damping_ > kMostDamping; }
-
-  void less() {
-    if (std::exchange(just_raised_, false)) return;  // what has just failed would fail again
-    left_out_ = left_out_ > kLeastLeftOut / 4 ? left_out_ / 2 : 0;
-    damping_ = damping_ > kFirstDamping ? damping_ / 10 : 0;
-  }
-
-  void more() {
-    just_raised_ = true;
-    if (left_out_ < 1) {
-      left_out_ = std::clamp(2 * left_out_, kLeastLeftOut, 1.0);
-    } else {
-      damping_ = std::max(10 * damping_, kFirstDamping);
-    }
-  }
-
- private:
-  static constexpr double kLeastLeftOut = 0.2;
-  static constexpr double kFirstDamping = 1e-6, kMostDamping = 1e12;
-  double left_out_ = 0, damping_ = 0;
-  bool just_raised_ = false;
-};
-
-PoseGraphSummary minimise(Problem& problem, Poses& poses, int max_iterations) {
-  BlockCholesky hessian(problem.unknowns(), problem.coupled_unknowns());
-  PoseGraphSummary summary;
-  summary.initial_cost = summary.final_cost = problem.cost(poses);
-  problem.linearise(poses);
-  Caution caution;
-  while (summary.iterations < max_iterations && !summary.converged && !caution.is_exhausted()) {
-    ++summary.iterations;
-    problem.fill(caution.curvature_share(), hessian);
-    if (!hessian.factorise(caution.damping())) {
-      caution.more();
-      continue;
-    }
-    const Eigen::VectorXd step = hessian.solve(-problem.gradient());
-    Poses next = problem.moved(poses, step);
-    const double cost = problem.cost(next);
-    // Rounding may hide that so small a step descends.
-    summary.converged = std::isfinite(cost) && caution.damping() == 0 && is_last(step);
-    if (cost < summary.final_cost || summary.converged) {
-      poses = std::move(next);
-      summary.final_cost = cost;
-      if (!summary.converged) problem.linearise(poses);
-      caution.less();
-    } else {
-      caution.more();
-    }
-  }
-  return summary;
-}
-
-bool has_moved(const Pose& before, const Pose& after) {
-  return (before.translation() - after.translation()).norm() > kMovedTranslationM ||
-         angle_between_rad(before, after) > kMovedRotationRad;
-}
 
 Pose normalised(Pose T) {
   T.linear() = Eigen::Quaterniond(T.linear()).normalized().toRotationMatrix();
@@ -314,15 +343,12 @@ void PoseGraphOptions::validate() const {
 PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options) {
   options.validate();
   Problem problem(graph, options);
-  if (problem.empty()) return {.converged = true};
-  Poses poses;
-  for (const auto& [id, T] : graph.nodes) poses.push_back(T);
-  PoseGraphSummary summary = minimise(problem, poses, options.max_iterations);
-  auto optimised = poses.cbegin();
+  PoseGraphSummary summary = problem.solve();
+  auto optimised = problem.poses().cbegin();
   for (auto& [id, T] : graph.nodes) {
     // What moved less keeps its bits, so that readers see no change.
     const Pose& T_optimised = *optimised++;
-    if (!has_moved(T, T_optimised)) continue;
+    if (!has_moved(T, T_optimised, kMovedTranslationM, kMovedRotationRad)) continue;
     T = normalised(T_optimised);
     ++summary.moved;
   }
