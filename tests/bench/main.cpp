@@ -1,6 +1,7 @@
 // Measures the product against the paper's way. See run.sh and BENCHMARK.md.
 #include <CLI/CLI.hpp>
 #include <array>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <set>
