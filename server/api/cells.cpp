@@ -193,16 +193,17 @@ Response put(Services& services, const Call& call) {
   const CellId id{call.path_id("cell")};
   call.content_type({kCellType});
   const std::string body = call.content(kMaxCellBytes);
-  auto cell = std::make_shared<const Cell>(decode_cell(as_bytes(body)));
+  Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
+  const CellView view = view_cell(bytes);
+  const auto cell = std::make_shared<const Cell>(view.to_cell());
   Pose T_map_cell = cell->T_odom_cell;
   if (const auto header = call.header("CELLmap-Pose")) {
     const auto numbers = parse_numbers(*header, ' ', 7, "CELLmap-Pose");
     T_map_cell = pose_from_xyz_qxyzw(std::span<const double, 7>(numbers.data(), 7));
   }
-  const auto bytes = as_bytes(body);
   NewCell added{.id = id,
                 .cell = cell,
-                .encoded = {verified_hash(bytes), Bytes(bytes.begin(), bytes.end())},
+                .encoded = {view.hash, std::move(bytes)},
                 .T_map_cell = T_map_cell,
                 .scans = {},
                 .raw_points = 0};

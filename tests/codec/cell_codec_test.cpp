@@ -301,6 +301,30 @@ TEST(CellCodec, ASealedFlipNeverCrashesAndWhatPassesIsValid) {
   EXPECT_GT(accepted, 0);
 }
 
+TEST(CellView, IsTheCellWhereItsBytesLie) {
+  const Cell cell = random_cell(9, 40);
+  const EncodedCell encoded = encode_cell(cell);
+  const CellView view = view_cell(encoded.bytes);
+  EXPECT_EQ(view.hash, encoded.hash);
+  EXPECT_EQ(view.header.session, cell.session);
+  EXPECT_TRUE(view.header.planes.empty());
+  expect_equal(view.to_cell(), cell);
+  const auto* const begin = encoded.bytes.data();
+  for (const auto part : {std::as_bytes(view.indices), std::as_bytes(view.planes)}) {
+    EXPECT_GE(part.data(), begin);
+    EXPECT_LE(part.data() + part.size(), begin + encoded.bytes.size());
+  }
+}
+
+TEST(CellView, BytesThatAreNotAlignedMustBeCopiedFirst) {
+  Bytes shifted(1);
+  const Bytes bytes = encode_cell(random_cell(9, 4)).bytes;
+  shifted.insert(shifted.end(), bytes.begin(), bytes.end());
+  const auto thrown = thrown_by([&] { view_cell(std::span(shifted).subspan(1)); });
+  ASSERT_TRUE(thrown);
+  EXPECT_EQ(thrown->code, ErrorCode::kInvalidArgument);
+}
+
 TEST(CellCodec, MisalignedInputIsReadAsWell) {
   const Cell cell = random_cell(9, 40);
   const Bytes bytes = encode_cell(cell).bytes;

@@ -86,6 +86,9 @@ TEST(HostileBytes, ACellWithAMendedHashIsRefusedOrValid) {
   // it.
   const Verdicts verdicts = judge(encode_cell(random_cell(5, 12)).bytes, 6, [](const Bytes& bytes) {
     const auto thrown = thrown_by([&] { decode_cell(bytes); });
+    const auto seen = thrown_by([&] { view_cell(bytes); });
+    EXPECT_EQ(seen.has_value(), thrown.has_value());
+    EXPECT_EQ(seen ? seen->message : "", thrown ? thrown->message : "");
     if (!thrown) return;
     const auto at = thrown->message.find("its bytes have ");
     if (at == std::string::npos) throw Error(thrown->code, thrown->message);
@@ -94,6 +97,7 @@ TEST(HostileBytes, ACellWithAMendedHashIsRefusedOrValid) {
     const ContentHash hash = content_hash_from_hex(thrown->message.substr(at + 15, 64));
     std::memcpy(mended.data() + raw.field(raw.root(), 1), hash.bytes.data(), 32);
     encode_cell(decode_cell(mended));
+    encode_cell(view_cell(mended).to_cell());
   });
   EXPECT_GT(verdicts.accepted, 0);
   EXPECT_GT(verdicts.refused, 0);

@@ -21,6 +21,11 @@ TEST(Sha256, AgreesWithTheVectorsOfFips180) {
             "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
 }
 
+TEST(Sha256, OfPiecesIsThatOfTheirConcatenation) {
+  const auto bytes = [](std::string_view text) { return std::as_bytes(std::span(text)); };
+  EXPECT_EQ(sha256_of_pieces({bytes("a"), {}, bytes("bc")}), sha256(bytes("abc")));
+}
+
 TEST(ContentHashes, AreReadBackFromTheirDigits) {
   const ContentHash hash = sha256({});
   EXPECT_EQ(content_hash_from_hex(to_hex(hash)), hash);

@@ -47,15 +47,19 @@ void validate(const Cell& cell) {
           "its session name must be 1 to 64 characters of A-Z a-z 0-9 . _ -");
   require(cell.first_stamp <= cell.last_stamp, "its last stamp is before its first");
   require(is_rigid(cell.T_odom_cell), "its odometry pose is not a rigid transform");
-  require(cell.indices.size() == cell.planes.size(),
-          "it has " + std::to_string(cell.indices.size()) + " indices for " +
-              std::to_string(cell.planes.size()) + " planes");
-  const Lattice lattice(cell.lattice);
-  for (std::size_t k = 0; k < cell.indices.size(); ++k) {
-    require(cell.indices[k] < cell.lattice.size, "an index is outside its lattice");
-    require(k == 0 || cell.indices[k - 1] < cell.indices[k],
-            "its indices are not strictly increasing");
-    validate_plane(cell.planes[k], lattice, cell.indices[k]);
+  validate_planes(cell.lattice, cell.indices, cell.planes);
+}
+
+void validate_planes(const LatticeSpec& spec, std::span<const std::uint32_t> indices,
+                     std::span<const Plane> planes) {
+  require(indices.size() == planes.size(), "it has " + std::to_string(indices.size()) +
+                                               " indices for " + std::to_string(planes.size()) +
+                                               " planes");
+  const Lattice lattice(spec);
+  for (std::size_t k = 0; k < indices.size(); ++k) {
+    require(indices[k] < spec.size, "an index is outside its lattice");
+    require(k == 0 || indices[k - 1] < indices[k], "its indices are not strictly increasing");
+    validate_plane(planes[k], lattice, indices[k]);
   }
 }
 

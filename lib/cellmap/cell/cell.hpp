@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -56,6 +57,10 @@ struct Cell {
 /// origin, distances in (0, 10,000] m, a rigid pose, a session name of 1 to 64 characters
 /// [A-Za-z0-9._-], first_stamp <= last_stamp.
 void validate(const Cell& cell);
+
+/// The rules of `validate` for planes alone, wherever they lie: everything on indices and planes.
+void validate_planes(const LatticeSpec& lattice, std::span<const std::uint32_t> indices,
+                     std::span<const Plane> planes);
 
 /// The points distance * direction of every plane: the local map at one point a plane, cell frame.
 PointCloud reconstruct_points(const Cell& cell, const Lattice& lattice);

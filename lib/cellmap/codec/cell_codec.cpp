@@ -1,5 +1,6 @@
 #include "cellmap/codec/cell_codec.hpp"
 
+#include <array>
 #include <cstring>
 #include <string>
 
@@ -19,24 +20,26 @@ constexpr BufferKind kCellKind = {"CELL", "CELL", kMaxCellBytes, [](flatbuffers:
                                     return schema::VerifyCellBuffer(v);
                                   }};
 
-const schema::Cell& root(const Bytes& bytes) { return *schema::GetCell(bytes.data()); }
-
-/// SHA-256 of the bytes without their own hash, which is set to zero.
-ContentHash clear_and_hash(Bytes& bytes, std::size_t hash_offset) {
-  std::memset(bytes.data() + hash_offset, 0, sizeof(ContentHash));
-  return sha256(bytes);
+const schema::Cell& root(std::span<const std::byte> bytes) {
+  return *schema::GetCell(bytes.data());
 }
 
-std::size_t hash_offset(const Bytes& bytes) {
+std::size_t hash_offset(std::span<const std::byte> bytes) {
   const auto* hash = reinterpret_cast<const std::byte*>(root(bytes).content_hash());
   return static_cast<std::size_t>(hash - bytes.data());
 }
 
-ContentHash check_hash(Bytes& bytes) {
+/// SHA-256 of the bytes with zeros in place of their own hash.
+ContentHash hash_of(std::span<const std::byte> bytes) {
+  constexpr std::array<std::byte, sizeof(ContentHash)> kZeros{};
   const std::size_t offset = hash_offset(bytes);
+  return sha256_of_pieces({bytes.first(offset), kZeros, bytes.subspan(offset + kZeros.size())});
+}
+
+ContentHash check_hash(std::span<const std::byte> bytes) {
   ContentHash claimed;
-  std::memcpy(claimed.bytes.data(), bytes.data() + offset, sizeof(claimed));
-  const ContentHash actual = clear_and_hash(bytes, offset);
+  std::memcpy(claimed.bytes.data(), bytes.data() + hash_offset(bytes), sizeof(claimed));
+  const ContentHash actual = hash_of(bytes);
   if (claimed != actual) {
     throw Error(ErrorCode::kCorruptData, "the CELL is damaged: it claims the content hash " +
                                              to_hex(claimed) + ", but its bytes have " +
@@ -69,17 +72,16 @@ CellStatistics statistics_from_wire(const schema::Statistics* wire) {
 }
 
 template <typename Value, typename WireVector>
-std::vector<Value> vector_from_wire(const WireVector& wire) {
-  std::vector<Value> values(wire.size());
-  if (!values.empty()) std::memcpy(values.data(), wire.Data(), values.size() * sizeof(Value));
-  return values;
+std::span<const Value> span_of(const WireVector& wire) {
+  // The verifier does not check the alignment of structs in vectors, but that of a vector's length,
+  // which is all that four-byte members need.
+  static_assert(alignof(Value) == sizeof(std::uint32_t));
+  return {reinterpret_cast<const Value*>(wire.Data()), wire.size()};
 }
 
-Cell cell_from_wire(const schema::Cell& wire) {
+Cell header_from_wire(const schema::Cell& wire) {
   Cell cell;
   cell.lattice = lattice_from_wire(*wire.lattice());
-  cell.indices = vector_from_wire<std::uint32_t>(*wire.indices());
-  cell.planes = vector_from_wire<Plane>(*wire.planes());
   cell.session = wire.session()->str();
   cell.sequence = wire.sequence();
   cell.T_odom_cell = pose_from_wire(wire.t_odom_cell(), "the CELL's pose T_odom_cell");
@@ -126,23 +128,45 @@ EncodedCell encode_cell(const Cell& cell) {
   schema::FinishCellBuffer(builder, cell_to_wire(builder, cell));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
-  const std::size_t offset = hash_offset(encoded.bytes);
-  encoded.hash = clear_and_hash(encoded.bytes, offset);
-  std::memcpy(encoded.bytes.data() + offset, encoded.hash.bytes.data(), sizeof(ContentHash));
+  encoded.hash = hash_of(encoded.bytes);
+  std::memcpy(encoded.bytes.data() + hash_offset(encoded.bytes), encoded.hash.bytes.data(),
+              sizeof(ContentHash));
   return encoded;
 }
 
-Cell decode_cell(std::span<const std::byte> bytes) {
-  Bytes copy = verified_copy(bytes, kCellKind, kMaxTables);
-  check_hash(copy);
-  Cell cell = cell_from_wire(root(copy));
-  validate(cell);
+Cell CellView::to_cell() const {
+  Cell cell = header;
+  cell.indices.assign(indices.begin(), indices.end());
+  cell.planes.assign(planes.begin(), planes.end());
   return cell;
 }
 
+CellView view_cell(std::span<const std::byte> bytes) {
+  if (!is_aligned(bytes)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "a CELL is read where it lies only from an address that is a multiple of 8");
+  }
+  verify_buffer(bytes, kCellKind, kMaxTables);
+  CellView view;
+  view.hash = check_hash(bytes);
+  const schema::Cell& wire = root(bytes);
+  view.header = header_from_wire(wire);
+  view.indices = span_of<std::uint32_t>(*wire.indices());
+  view.planes = span_of<Plane>(*wire.planes());
+  validate(view.header);
+  validate_planes(view.header.lattice, view.indices, view.planes);
+  return view;
+}
+
+Cell decode_cell(std::span<const std::byte> bytes) {
+  if (is_aligned(bytes)) return view_cell(bytes).to_cell();
+  return view_cell(verified_copy(bytes, kCellKind, kMaxTables)).to_cell();
+}
+
 ContentHash verified_hash(std::span<const std::byte> bytes) {
-  Bytes copy = verified_copy(bytes, kCellKind, kMaxTables);
-  return check_hash(copy);
+  if (!is_aligned(bytes)) return check_hash(verified_copy(bytes, kCellKind, kMaxTables));
+  verify_buffer(bytes, kCellKind, kMaxTables);
+  return check_hash(bytes);
 }
 
 }  // namespace cellmap

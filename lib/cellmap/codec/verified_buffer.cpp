@@ -18,6 +18,7 @@ static_assert(std::endian::native == std::endian::little,
 static_assert(sizeof(schema::Pose) == 96 && sizeof(schema::Hash256) == 32,
               "a struct of the format has changed: every file would become unreadable");
 
+constexpr std::size_t kAlignment = 8;  // of the largest number
 constexpr std::size_t kIdentifierOffset = 4;
 constexpr std::size_t kMaxDepth = 16;
 
@@ -25,12 +26,20 @@ Error corrupt(const BufferKind& kind, const std::string& what) {
   return Error(ErrorCode::kCorruptData, std::string("the bytes are no ") + kind.name + ": " + what);
 }
 
-flatbuffers::Verifier verifier_of(const Bytes& bytes, std::size_t max_tables) {
+flatbuffers::Verifier verifier_of(std::span<const std::byte> bytes, std::size_t max_tables) {
   return flatbuffers::Verifier(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size(),
                                kMaxDepth, static_cast<flatbuffers::uoffset_t>(max_tables));
 }
 
-void check_identifier(const Bytes& bytes, const BufferKind& kind) {
+void check_size(std::span<const std::byte> bytes, const BufferKind& kind) {
+  if (bytes.size() > kind.max_bytes) {
+    throw Error(ErrorCode::kTooLarge, std::string("a ") + kind.name + " has at most " +
+                                          std::to_string(kind.max_bytes) + " bytes, but " +
+                                          std::to_string(bytes.size()) + " were given");
+  }
+}
+
+void check_identifier(std::span<const std::byte> bytes, const BufferKind& kind) {
   if (bytes.size() < 2 * kIdentifierOffset) {
     throw corrupt(kind, "expected at least 8 bytes, found " + std::to_string(bytes.size()));
   }
@@ -43,7 +52,7 @@ void check_identifier(const Bytes& bytes, const BufferKind& kind) {
 }
 
 /// Before the structure is judged by the rules of this version.
-void check_version(const Bytes& bytes, const BufferKind& kind) {
+void check_version(std::span<const std::byte> bytes, const BufferKind& kind) {
   flatbuffers::Verifier verifier = verifier_of(bytes, 1);
   if (!verifier.VerifyBuffer<schema::Versioned>(kind.identifier)) {
     throw corrupt(kind, "the root table is damaged");
@@ -60,21 +69,27 @@ void check_version(const Bytes& bytes, const BufferKind& kind) {
 
 }  // namespace
 
-Bytes verified_copy(std::span<const std::byte> bytes, const BufferKind& kind,
-                    std::size_t max_tables) {
-  if (bytes.size() > kind.max_bytes) {
-    throw Error(ErrorCode::kTooLarge, std::string("a ") + kind.name + " has at most " +
-                                          std::to_string(kind.max_bytes) + " bytes, but " +
-                                          std::to_string(bytes.size()) + " were given");
-  }
-  Bytes copy(bytes.begin(), bytes.end());
-  check_identifier(copy, kind);
-  check_version(copy, kind);
-  flatbuffers::Verifier verifier = verifier_of(copy, max_tables);
+bool is_aligned(std::span<const std::byte> bytes) {
+  return reinterpret_cast<std::uintptr_t>(bytes.data()) % kAlignment == 0;
+}
+
+void verify_buffer(std::span<const std::byte> bytes, const BufferKind& kind,
+                   std::size_t max_tables) {
+  check_size(bytes, kind);
+  check_identifier(bytes, kind);
+  check_version(bytes, kind);
+  flatbuffers::Verifier verifier = verifier_of(bytes, max_tables);
   if (!kind.verify(verifier)) {
     throw corrupt(kind, "a field is missing, or an offset or a length leads out of the " +
-                            std::to_string(copy.size()) + " bytes");
+                            std::to_string(bytes.size()) + " bytes");
   }
+}
+
+Bytes verified_copy(std::span<const std::byte> bytes, const BufferKind& kind,
+                    std::size_t max_tables) {
+  check_size(bytes, kind);  // before so much is copied
+  Bytes copy(bytes.begin(), bytes.end());
+  verify_buffer(copy, kind, max_tables);
   return copy;
 }
 

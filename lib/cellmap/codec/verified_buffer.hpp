@@ -28,9 +28,16 @@ struct BufferKind {
   bool (*verify)(flatbuffers::Verifier&);  ///< generated: identifier and structure of version 1
 };
 
-/// A copy of untrusted bytes, aligned for FlatBuffers and safe to read through the generated
-/// accessors: size, identifier, version and structure are checked, values are not.
-/// Throws Error{kTooLarge}, {kCorruptData} or, for another version, {kUnsupported}.
+/// True where bytes may be read through the generated accessors without copying them first.
+bool is_aligned(std::span<const std::byte> bytes);
+
+/// Makes untrusted, aligned bytes safe to read through the generated accessors: size, identifier,
+/// version and structure are checked, values are not. Throws Error{kTooLarge}, {kCorruptData} or,
+/// for another version, {kUnsupported}.
+void verify_buffer(std::span<const std::byte> bytes, const BufferKind& kind,
+                   std::size_t max_tables);
+
+/// A copy of bytes of any alignment on which `verify_buffer` holds.
 Bytes verified_copy(std::span<const std::byte> bytes, const BufferKind& kind,
                     std::size_t max_tables);
 

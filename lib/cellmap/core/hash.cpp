@@ -1,6 +1,7 @@
 #include "cellmap/core/hash.hpp"
 
 #include <charconv>
+#include <memory>
 
 #include <openssl/evp.h>
 
@@ -8,11 +9,19 @@
 
 namespace cellmap {
 
-ContentHash sha256(std::span<const std::byte> data) {
+ContentHash sha256(std::span<const std::byte> data) { return sha256_of_pieces({data}); }
+
+ContentHash sha256_of_pieces(std::initializer_list<std::span<const std::byte>> pieces) {
+  const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(),
+                                                                        EVP_MD_CTX_free);
+  bool good = context && EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) == 1;
+  for (const auto piece : pieces) {
+    good = good && EVP_DigestUpdate(context.get(), piece.data(), piece.size()) == 1;
+  }
   ContentHash hash;
   unsigned int length = 0;
-  if (EVP_Digest(data.data(), data.size(), hash.bytes.data(), &length, EVP_sha256(), nullptr) != 1 ||
-      length != hash.bytes.size()) {
+  good = good && EVP_DigestFinal_ex(context.get(), hash.bytes.data(), &length) == 1;
+  if (!good || length != hash.bytes.size()) {
     throw Error(ErrorCode::kInternal, "OpenSSL could not compute a SHA-256 digest");
   }
   return hash;

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <initializer_list>
 #include <span>
 #include <string>
 
@@ -16,6 +17,9 @@ struct ContentHash {
 
 /// SHA-256 of `data` (OpenSSL).
 ContentHash sha256(std::span<const std::byte> data);
+
+/// SHA-256 of the concatenation of `pieces`.
+ContentHash sha256_of_pieces(std::initializer_list<std::span<const std::byte>> pieces);
 
 /// 64 lower-case hexadecimal digits.
 std::string to_hex(const ContentHash& hash);

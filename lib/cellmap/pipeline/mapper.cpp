@@ -103,14 +103,15 @@ struct Mapper::Impl {
   /// One finished local map becomes a CELL, is tied to its neighbour and to earlier visits, and the
   /// map is made consistent.
   CellUpdate finish_cell() {
-    const std::map<CellId, Pose> poses_before = graph.nodes;
     FinishedCell next = make_cell();
     std::vector<Constraint> constraints = tie_to_previous(next);
     add_to_graph(next, constraints);
     const std::vector<Constraint> loops = close_loops(next);
-    if (!loops.empty()) optimize(graph, options.pose_graph);
+    std::map<CellId, Pose> poses;  // without a loop the new one follows its neighbour exactly
+    if (!loops.empty()) poses = optimise_graph();
+    poses[next.id] = graph.nodes.at(next.id);
     constraints.insert(constraints.end(), loops.begin(), loops.end());
-    CellUpdate update = report(next, std::move(constraints), poses_before);
+    CellUpdate update = report(next, std::move(constraints), std::move(poses));
     previous = std::move(next);
     return update;
   }
@@ -169,20 +170,26 @@ struct Mapper::Impl {
     return loops;
   }
 
+  /// Makes the map consistent; returns the poses that changed.
+  std::map<CellId, Pose> optimise_graph() {
+    const std::map<CellId, Pose> before = graph.nodes;
+    optimize(graph, options.pose_graph);
+    std::map<CellId, Pose> moved;
+    for (const auto& [id, T] : graph.nodes) {
+      if (before.at(id).matrix() != T.matrix()) moved.emplace(id, T);
+    }
+    return moved;
+  }
+
   CellUpdate report(const FinishedCell& next, std::vector<Constraint> constraints,
-                    const std::map<CellId, Pose>& poses_before) const {
+                    std::map<CellId, Pose> poses) const {
     CellUpdate update;
     update.id = next.id;
     update.cell = std::shared_ptr<const Cell>(next.target, &next.target->cell());
     update.scans = local_map->scans();
     update.constraints = std::move(constraints);
     update.raw_points = raw_points;
-    for (const auto& [id, T] : graph.nodes) {
-      const auto before = poses_before.find(id);
-      if (before == poses_before.end() || before->second.matrix() != T.matrix()) {
-        update.poses[id] = T;
-      }
-    }
+    update.poses = std::move(poses);
     return update;
   }
 };

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
@@ -232,11 +233,13 @@ class Caution {
   bool is_exhausted() const { return damping_ > kMostDamping; }
 
   void less() {
+    if (std::exchange(just_raised_, false)) return;  // what has just failed would fail again
     left_out_ = left_out_ > kLeastLeftOut / 4 ? left_out_ / 2 : 0;
     damping_ = damping_ > kFirstDamping ? damping_ / 10 : 0;
   }
 
   void more() {
+    just_raised_ = true;
     if (left_out_ < 1) {
       left_out_ = std::clamp(2 * left_out_, kLeastLeftOut, 1.0);
     } else {
@@ -248,6 +251,7 @@ class Caution {
   static constexpr double kLeastLeftOut = 0.2;
   static constexpr double kFirstDamping = 1e-6, kMostDamping = 1e12;
   double left_out_ = 0, damping_ = 0;
+  bool just_raised_ = false;
 };
 
 PoseGraphSummary minimise(Problem& problem, Poses& poses, int max_iterations) {

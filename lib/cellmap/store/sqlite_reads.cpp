@@ -59,18 +59,6 @@ MapRow map_from_row(const Query& row) {
   return map;
 }
 
-void add_bounds_and_sessions(SqliteConnection& connection, MapRow& map) {
-  Query bounds(connection,
-               "SELECT MIN(x), MIN(y), MIN(z), MAX(x), MAX(y), MAX(z) FROM cell WHERE map = ?",
-               map.key);
-  if (bounds.next() && !bounds.is_null(0)) {
-    map.info.bounds.min() = Eigen::Vector3d(bounds.real(0), bounds.real(1), bounds.real(2));
-    map.info.bounds.max() = Eigen::Vector3d(bounds.real(3), bounds.real(4), bounds.real(5));
-  }
-  Query sessions(connection, "SELECT name FROM session WHERE map = ? ORDER BY name", map.key);
-  while (sessions.next()) map.info.sessions.push_back(sessions.text(0));
-}
-
 Constraint constraint_from_row(const Query& row) {
   Constraint constraint;
   constraint.id.value = row.unsigned32(0);
@@ -142,20 +130,49 @@ MapRow read_map_row(SqliteConnection& connection, const std::string& name) {
   return map_from_row(row);
 }
 
-MapInfo read_map(SqliteConnection& connection, const std::string& name) {
-  MapRow map = read_map_row(connection, name);
-  add_bounds_and_sessions(connection, map);
-  return map.info;
+MapSummaries::Summary MapSummaries::read(SqliteConnection& connection, const MapRow& row) {
+  Summary summary;
+  summary.revision = row.info.revision;
+  Query bounds(connection,
+               "SELECT MIN(x), MIN(y), MIN(z), MAX(x), MAX(y), MAX(z) FROM cell WHERE map = ?",
+               row.key);
+  if (bounds.next() && !bounds.is_null(0)) {
+    summary.bounds.min() = Eigen::Vector3d(bounds.real(0), bounds.real(1), bounds.real(2));
+    summary.bounds.max() = Eigen::Vector3d(bounds.real(3), bounds.real(4), bounds.real(5));
+  }
+  Query sessions(connection, "SELECT name FROM session WHERE map = ? ORDER BY name", row.key);
+  while (sessions.next()) summary.sessions.push_back(sessions.text(0));
+  return summary;
 }
 
-std::vector<MapInfo> read_maps(SqliteConnection& connection) {
-  std::vector<MapInfo> maps;
-  Query rows(connection, select_map("ORDER BY name"));
-  while (rows.next()) {
-    MapRow map = map_from_row(rows);
-    add_bounds_and_sessions(connection, map);
-    maps.push_back(std::move(map.info));
+MapInfo MapSummaries::complete(SqliteConnection& connection, MapRow row) {
+  const auto fill = [&](const Summary& summary) {
+    row.info.bounds = summary.bounds;
+    row.info.sessions = summary.sessions;
+    return row.info;
+  };
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = by_key_.find(row.key);
+    if (found != by_key_.end() && found->second.revision == row.info.revision) {
+      return fill(found->second);
+    }
   }
+  Summary summary = read(connection, row);
+  fill(summary);
+  const std::lock_guard lock(mutex_);
+  constexpr std::size_t kMaxKept = 10'000;  // keys of deleted maps stay until then
+  if (by_key_.size() >= kMaxKept) by_key_.clear();
+  by_key_[row.key] = std::move(summary);
+  return row.info;
+}
+
+std::vector<MapInfo> read_maps(SqliteConnection& connection, MapSummaries& summaries) {
+  std::vector<MapRow> found;
+  Query rows(connection, select_map("ORDER BY name"));
+  while (rows.next()) found.push_back(map_from_row(rows));
+  std::vector<MapInfo> maps;
+  for (MapRow& row : found) maps.push_back(summaries.complete(connection, std::move(row)));
   return maps;
 }
 

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <mutex>
+
 #include "cellmap/store/sqlite_connection.hpp"
 #include "cellmap/store/store.hpp"
 
@@ -17,9 +19,29 @@ struct MapRow {
 
 /// Error{kNotFound} where there is no such map.
 MapRow read_map_row(SqliteConnection& connection, const std::string& name);
-MapInfo read_map(SqliteConnection& connection, const std::string& name);
+
+/// Bounds and sessions of maps, which take a pass over a map's CELLs to find, but change only with
+/// its revision; so the last answer is kept. Thread safe; not for use inside a write, whose
+/// revision may never come to be.
+class MapSummaries {
+ public:
+  /// The row's map with bounds and sessions.
+  MapInfo complete(SqliteConnection& connection, MapRow row);
+
+ private:
+  struct Summary {
+    Revision revision = 0;
+    Eigen::AlignedBox3d bounds;
+    std::vector<std::string> sessions;
+  };
+  static Summary read(SqliteConnection& connection, const MapRow& row);
+
+  std::mutex mutex_;
+  std::map<std::int64_t, Summary> by_key_;
+};
+
 /// By name.
-std::vector<MapInfo> read_maps(SqliteConnection& connection);
+std::vector<MapInfo> read_maps(SqliteConnection& connection, MapSummaries& summaries);
 
 PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
                           std::optional<Revision> revision);

@@ -82,7 +82,7 @@ class SqliteStore final : public Store {
     MapInfo created;
     write([&](SqliteConnection& c) {
       insert_map(c, name, lattice, now());
-      created = read_map(c, name);
+      created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
     });
     return created;
   }
@@ -92,11 +92,12 @@ class SqliteStore final : public Store {
   }
 
   std::vector<MapInfo> maps() const override {
-    return readers_.read([](SqliteConnection& c) { return read_maps(c); });
+    return readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
   }
 
   MapInfo map(const std::string& name) const override {
-    return readers_.read([&](SqliteConnection& c) { return read_map(c, name); });
+    return readers_.read(
+        [&](SqliteConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
   }
 
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
@@ -217,6 +218,7 @@ class SqliteStore final : public Store {
   const std::unique_ptr<SqliteWriter> writer_;  ///< of the head of `commits_`; null where read-only
   mutable SqlitePool readers_;
   mutable BlobCache cache_;
+  mutable MapSummaries summaries_;
   mutable GroupCommit commits_;
 };
 
