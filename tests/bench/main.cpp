@@ -14,7 +14,7 @@ namespace cellmap::bench {
 namespace {
 
 /// Half a street of the simulated town; the pair is its beginning, loops come back to it.
-constexpr std::size_t kStreetFirst = 20, kStreetScans = 90;
+constexpr std::size_t kStreetFirst = 20, kStreetScans = 70;
 
 struct Group {
   const char* name;

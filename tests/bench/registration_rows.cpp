@@ -111,7 +111,12 @@ void registration_rows(const Setting& setting, const AddRow& add) {
   for (const CellPair& pair : setting.pairs) {
     const PaperPair paper(pair);
     for (const int threads : setting.threads) scan_row(setting, pair, paper, threads, add);
-    on_instruction_sets(!setting.quick, [&] { bidirectional_row(setting, pair, paper, 1, add); });
+    const auto row = [&] { bidirectional_row(setting, pair, paper, 1, add); };
+    if (setting.quick && &pair != &setting.pairs.back()) {
+      row();
+    } else {
+      on_instruction_sets(!setting.quick, row);
+    }
     for (const int threads : setting.threads) {
       if (threads > 1) bidirectional_row(setting, pair, paper, threads, add);
     }
