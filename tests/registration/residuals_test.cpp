@@ -44,8 +44,8 @@ TEST(Residuals, NormalEquationsDoNotDependOnTheThreads) {
   const RegistrationTerm term{&target, &scan, false};
   const RegistrationStage stage{1, 0.5, RobustKernel::kGemanMcClure, 0.05};
   NormalSystem one, four;
-  MatchedTerm(term, 1).add_normal_equations(T, stage, true, one);
-  MatchedTerm(term, 4).add_normal_equations(T, stage, true, four);
+  MatchedTerm(term, 1).add_normal_equations(T, stage, one);
+  MatchedTerm(term, 4).add_normal_equations(T, stage, four);
   EXPECT_EQ(one.H, four.H);
   EXPECT_EQ(one.g, four.g);
   EXPECT_EQ(one.points, four.points);
