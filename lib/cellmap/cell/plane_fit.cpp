@@ -9,12 +9,19 @@ namespace {
 
 constexpr int kRefits = 2;
 
-/// Smallest eigenvalue of a symmetric positive semi-definite matrix of trace 1, by Newton's method
-/// on the characteristic polynomial from 0, from where it rises to the root without overshooting.
+/// Smallest eigenvalue of a symmetric positive semi-definite matrix of trace 1: the smallest root
+/// of p(x) = x^3 - x^2 + c1 x - determinant. p is concave up to 1/3, where the smallest root lies,
+/// so Newton's method takes any start there to or below the root, and from below it rises without
+/// overshooting. Started from the root of p without its cube, which is near where planes are flat.
 double smallest_eigenvalue(double c1, double determinant) {
-  // p(x) = x^3 - x^2 + c1 x - determinant
   constexpr int kMaxSteps = 60;
+  const double discriminant = c1 * c1 - 4 * determinant;
   double x = 0;
+  if (discriminant > 0) {
+    x = 2 * determinant / (c1 + std::sqrt(discriminant));
+    x -= (((x - 1) * x + c1) * x - determinant) / ((3 * x - 2) * x + c1);
+    if (!(x > 0 && x <= 1.0 / 3)) x = 0;
+  }
   for (int step = 0; step < kMaxSteps; ++step) {
     const double value = ((x - 1) * x + c1) * x - determinant;
     const double slope = (3 * x - 2) * x + c1;
