@@ -1,15 +1,15 @@
 #include "cellmap/geometry/voxel_grid.hpp"
 
 #include <array>
-#include <cmath>
 
 namespace cellmap {
 
 void VoxelCounter::add(const PointCloud& cloud) {
-  constexpr std::int64_t kOffset = std::int64_t{1} << 20;
+  // Shifted to positive numbers, where cutting off the fraction is rounding down.
+  constexpr double kOffset = 1 << 20;
   const auto key = [&](float v) {
-    const auto index = static_cast<std::int64_t>(std::floor(v * inverse_size_)) + kOffset;
-    return static_cast<std::uint64_t>(index) & 0x1fffffU;
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(v * inverse_size_ + kOffset)) &
+           0x1fffffU;
   };
   // Neighbours in a scan mostly share a voxel with one of the last few points.
   constexpr std::size_t kRecent = 256;
