@@ -1,6 +1,7 @@
 // Measures the product against the paper's way. See run.sh and BENCHMARK.md.
 #include <CLI/CLI.hpp>
 #include <array>
+#include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <set>
@@ -13,7 +14,7 @@ namespace cellmap::bench {
 namespace {
 
 /// Half a street of the simulated town; the pair is its beginning, loops come back to it.
-constexpr std::size_t kStreetFirst = 20, kStreetScans = 90;
+constexpr std::size_t kStreetFirst = 20, kStreetScans = 70;
 
 struct Group {
   const char* name;

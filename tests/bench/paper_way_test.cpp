@@ -28,7 +28,7 @@ class PaperWay : public ::testing::Test {
 TEST_F(PaperWay, TreeFindsANearestLatticePointWithinFloatPrecision) {
   std::mt19937 random(1);
   std::normal_distribution<float> normal;
-  for (int i = 0; i < 2'000; ++i) {
+  for (int i = 0; i < 300; ++i) {
     const Eigen::Vector3f p(normal(random), normal(random), normal(random));
     const Eigen::Vector3d unit = p.cast<double>().normalized();
     double best = -1;
@@ -67,8 +67,9 @@ TEST_F(PaperWay, RegistrationReturnsToTheTruePoseInBothDirections) {
   const PaperCell a = build_cell_paper_way(scan_a, tree_, 1);
   const PaperCell b = build_cell_paper_way(scan_b, tree_, 1);
   const Pose T_a_b = T_world_a.inverse() * T_world_b;
-  const std::array forward = {PaperTerm{&a, &scan_b}};
-  const std::array reverse = {PaperTerm{&b, &scan_a, true}};
+  const PointCloud some_of_a = every_nth(scan_a, 8), some_of_b = every_nth(scan_b, 8);
+  const std::array forward = {PaperTerm{&a, &some_of_b}};
+  const std::array reverse = {PaperTerm{&b, &some_of_a, true}};
   const std::array both = {forward[0], reverse[0]};
   for (const std::span<const PaperTerm> terms :
        {std::span<const PaperTerm>(forward), std::span<const PaperTerm>(reverse),

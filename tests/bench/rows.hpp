@@ -20,10 +20,12 @@ struct Setting {
   std::vector<CellPair> pairs;       ///< simulated, and real where the data is there
   std::vector<int> threads;          ///< 1, and 2 where the machine has them
 
-  /// `seconds` in the full run, a fifth of it in the quick one.
+  /// `seconds` in the full run, a tenth of it in the quick one.
   Effort effort(double seconds, int contestant_threads) const {
     Effort effort{.seconds = seconds, .min_pairs = 7, .max_pairs = 200};
-    if (quick) effort = {.seconds = seconds / 5, .min_pairs = 3, .max_pairs = 100};
+    if (quick) {
+      effort = {.seconds = seconds / 10, .min_pairs = contestant_threads == 1 ? 3 : 2};
+    }
     effort.threads = contestant_threads;
     return effort;
   }

@@ -169,10 +169,12 @@ TEST(FitPlane, IsTheSmallestEigenvectorOfTheCovariance) {
     std::vector<PatchPoint> points;
     for (int i = 0; i < 20; ++i) {
       const Eigen::Vector3d p(normal(rng), normal(rng), normal(rng));
-      points.push_back((R * scale.cwiseProduct(p) + Eigen::Vector3d(30, -20, 5)).cast<float>());
+      const Eigen::Vector3f q =
+          (R * scale.cwiseProduct(p) + Eigen::Vector3d(30, -20, 5)).cast<float>();
+      points.push_back({q.x(), q.y(), q.z(), 0});
     }
     Eigen::Matrix3Xd P(3, points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) P.col(i) = points[i].cast<double>();
+    for (std::size_t i = 0; i < points.size(); ++i) P.col(i) = position(points[i]);
     const Eigen::Vector3d mean = P.rowwise().mean();
     const Eigen::Matrix3d C = (P.colwise() - mean) * (P.colwise() - mean).transpose() / 20;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> twin(C);

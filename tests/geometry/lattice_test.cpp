@@ -9,6 +9,7 @@
 #include <random>
 
 #include "cellmap/core/error.hpp"
+#include "support/instruction_sets.hpp"
 
 namespace cellmap {
 namespace {
@@ -169,16 +170,93 @@ TEST(Lattice, EveryCornerOfSampledVoronoiCellsIsDecidedRightly) {
   }
 }
 
-TEST(Lattice, ManyPointsAtOnceGiveWhatOneByOneGives) {
-  const Lattice lattice(LatticeSpec{});
-  std::mt19937_64 rng(4);
-  PointCloud cloud;
-  for (int i = 0; i < 5'000; ++i) cloud.push_back(30 * random_direction(rng).cast<float>());
-  std::vector<std::uint32_t> indices(cloud.size());
-  lattice.nearest(cloud, indices);
+/// On every instruction set, vectors of floats against the double path, which the tests above hold
+/// against brute force.
+void expect_same_many_at_once(const Lattice& lattice, const PointCloud& cloud) {
+  std::vector<std::uint32_t> one_by_one;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    ASSERT_EQ(indices[i], lattice.nearest(cloud[i].cast<double>()));
+    one_by_one.push_back(lattice.nearest(cloud[i].cast<double>()));
   }
+  test::for_each_instruction_set([&](const std::string& name) {
+    std::vector<std::uint32_t> indices(cloud.size());
+    lattice.nearest(cloud, indices);
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
+      ASSERT_EQ(indices[i], one_by_one[i])
+          << name << ", " << to_string(lattice.spec()) << " at " << cloud[i].transpose();
+    }
+  });
+}
+
+class ManyPointsAtOnce : public testing::TestWithParam<std::uint32_t> {
+ protected:
+  const Lattice lattice_{{LatticeKind::kFibonacci, GetParam()}};
+  std::mt19937_64 rng_{4};
+};
+INSTANTIATE_TEST_SUITE_P(Lattice, ManyPointsAtOnce,
+                         testing::Values(1'000, 1'597, 8'000, 50'000, 999'983, 1'000'000));
+
+TEST_P(ManyPointsAtOnce, AreWhatEachIsInAnyDirection) {
+  PointCloud cloud;
+  for (int i = 0; i < 200'000; ++i) cloud.push_back((30 * random_direction(rng_)).cast<float>());
+  expect_same_many_at_once(lattice_, cloud);
+}
+
+TEST_P(ManyPointsAtOnce, AreWhatEachIsAtPolesSeamCapBordersAndEdges) {
+  PointCloud cloud;
+  for (const Eigen::Vector3d& d : hard_directions(lattice_, rng_)) {
+    // The nearest floats to an edge lie on both sides of it.
+    for (const float scale : {1.0f, 3.0f, 77.7f}) cloud.push_back(scale * d.cast<float>());
+  }
+  expect_same_many_at_once(lattice_, cloud);
+}
+
+TEST_P(ManyPointsAtOnce, AreWhatEachIsAtVoronoiCornersAndZoneBorders) {
+  PointCloud cloud;
+  const double n = lattice_.size();
+  for (int sample = 0; sample < 60; ++sample) {
+    const auto index = static_cast<std::uint32_t>(rng_() % lattice_.size());
+    for (const Eigen::Vector3d& corner :
+         voronoi_corners(lattice_.direction(index), neighbours(lattice_, index))) {
+      cloud.push_back(corner.cast<float>());
+    }
+    // Where the pair of Fibonacci steps changes: r^2 = a / (pi n |turns of a|), about a^2 / n 0.7.
+    const double azimuth = 0.1 * sample;
+    for (double a = 1, b = 2, next; a < n; next = a + b, a = b, b = next) {
+      const double golden = a * (std::sqrt(5.0) - 1) / 2;
+      const double r2 = a / (std::numbers::pi * n * std::abs(golden - std::round(golden)));
+      if (r2 >= 1) break;
+      for (const double off : {-1e-6, 0.0, 1e-6}) {
+        const double r = std::sqrt(r2 * (1 + off));
+        cloud.push_back(Eigen::Vector3d(r * std::cos(azimuth), r * std::sin(azimuth),
+                                        (sample % 2 ? 1 : -1) * std::sqrt(1 - r * r))
+                            .cast<float>());
+      }
+    }
+  }
+  expect_same_many_at_once(lattice_, cloud);
+}
+
+TEST(Lattice, PointsWithoutADirectionAreNowhereAndAnyLengthIsRight) {
+  const Lattice lattice(LatticeSpec{});
+  const float nan = std::nanf(""), inf = HUGE_VALF;
+  test::for_each_instruction_set([&](const std::string& name) {
+    for (std::size_t count = 1; count < 40; ++count) {
+      PointCloud cloud;
+      for (std::size_t i = 0; i < count; ++i) {
+        const Eigen::Vector3f points[] = {{0, 0, 0}, {nan, 1, 1},    {1, inf, 1},
+                                          {1, 2, 3}, {1e-30f, 0, 0}, {-3e37f, 1e37f, 2e37f}};
+        cloud.push_back(points[i % 6]);
+      }
+      std::vector<std::uint32_t> indices(count + 1, 7);
+      lattice.nearest(cloud, std::span(indices).first(count));
+      EXPECT_EQ(indices[count], 7U) << "one past the end, " << name;
+      for (std::size_t i = 0; i < count; ++i) {
+        EXPECT_EQ(indices[i],
+                  i % 6 < 3 ? Lattice::kNowhere : lattice.nearest(cloud[i].cast<double>()))
+            << name << ' ' << i << " of " << count;
+      }
+    }
+  });
 }
 
 TEST(LatticeCache, GivesTheSameLatticeForTheSameSpec) {

@@ -16,7 +16,7 @@ ROOMS = {
     "simd": [],
     "geometry": ["core", "simd"],
     "scan": ["core", "geometry"],
-    "cell": ["core", "geometry", "scan"],
+    "cell": ["core", "simd", "geometry", "scan"],
     "registration": ["core", "simd", "geometry", "scan", "cell"],
     "pose_graph": ["core", "geometry", "registration"],
     "place": ["core", "geometry", "scan", "cell", "registration", "pose_graph"],

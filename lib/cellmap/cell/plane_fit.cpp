@@ -9,12 +9,19 @@ namespace {
 
 constexpr int kRefits = 2;
 
-/// Smallest eigenvalue of a symmetric positive semi-definite matrix of trace 1, by Newton's method
-/// on the characteristic polynomial from 0, from where it rises to the root without overshooting.
+/// Smallest eigenvalue of a symmetric positive semi-definite matrix of trace 1: the smallest root
+/// of p(x) = x^3 - x^2 + c1 x - determinant. p is concave up to 1/3, where the smallest root lies,
+/// so Newton's method takes any start there to or below the root, and from below it rises without
+/// overshooting. Started from the root of p without its cube, which is near where planes are flat.
 double smallest_eigenvalue(double c1, double determinant) {
-  // p(x) = x^3 - x^2 + c1 x - determinant
   constexpr int kMaxSteps = 60;
+  const double discriminant = c1 * c1 - 4 * determinant;
   double x = 0;
+  if (discriminant > 0) {
+    x = 2 * determinant / (c1 + std::sqrt(discriminant));
+    x -= (((x - 1) * x + c1) * x - determinant) / ((3 * x - 2) * x + c1);
+    if (!(x > 0 && x <= 1.0 / 3)) x = 0;
+  }
   for (int step = 0; step < kMaxSteps; ++step) {
     const double value = ((x - 1) * x + c1) * x - determinant;
     const double slope = (3 * x - 2) * x + c1;
@@ -44,7 +51,7 @@ std::size_t partition_by_distance(std::span<PatchPoint> points, const Eigen::Vec
                                   const Eigen::Vector3d& centroid, double max_distance) {
   std::size_t kept = 0;
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const double distance = normal.dot(points[i].cast<double>() - centroid);
+    const double distance = normal.dot(position(points[i]) - centroid);
     if (std::abs(distance) <= max_distance) std::swap(points[kept++], points[i]);
   }
   return kept;
@@ -62,20 +69,12 @@ std::size_t draw_below(std::uint64_t& state, std::size_t count) {
   return static_cast<std::size_t>(((next_random(state) >> 32) * count) >> 32);
 }
 
-}  // namespace
-
-std::optional<FittedPlane> fit_plane(std::span<const PatchPoint> points) {
-  if (points.size() < 3) return std::nullopt;
-  // Moments about the first point: a patch is small beside its distance.
-  const Eigen::Vector3d origin = points[0].cast<double>();
-  const double inverse_count = 1.0 / static_cast<double>(points.size());
-  double sx = 0, sy = 0, sz = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-  for (const PatchPoint& p : points) {
-    const double x = p.x() - origin.x(), y = p.y() - origin.y(), z = p.z() - origin.z();
-    sx += x, sy += y, sz += z;
-    xx += x * x, xy += x * y, xz += x * z, yy += y * y, yz += y * z, zz += z * z;
-  }
-  const Eigen::Vector3d mean = Eigen::Vector3d(sx, sy, sz) * inverse_count;
+std::optional<FittedPlane> fit_plane(const simd::Moments& moments, const Eigen::Vector3d& origin) {
+  if (moments.count < 3) return std::nullopt;
+  const double inverse_count = 1.0 / moments.count;
+  const Eigen::Vector3d mean =
+      Eigen::Vector3d(moments.sum[0], moments.sum[1], moments.sum[2]) * inverse_count;
+  const auto& [xx, xy, xz, yy, yz, zz] = moments.products;
   Eigen::Matrix3d C;
   C << xx, xy, xz, xy, yy, yz, xz, yz, zz;
   C = C * inverse_count - mean * mean.transpose();
@@ -96,18 +95,43 @@ std::optional<FittedPlane> fit_plane(std::span<const PatchPoint> points) {
   plane.centroid = origin + mean;
   plane.variance_across_m2 = smallest * trace;
   plane.variance_within_m2 = middle * trace;
-  plane.points = points.size();
+  plane.points = static_cast<std::size_t>(moments.count);
   return plane;
 }
 
-std::optional<FittedPlane> fit_plane_trimmed(std::span<PatchPoint> points,
+}  // namespace
+
+void CentredPatch::assign(std::span<const PatchPoint> points) {
+  count_ = points.size();
+  origin_ = position(points.front());
+  const std::size_t room = simd::padded(count_);
+  if (x_.size() < room) {
+    x_.resize(room);
+    y_.resize(room);
+    z_.resize(room);
+  }
+  squared_ranges_ = simd::centre(points.data(), count_, x_.data(), y_.data(), z_.data());
+}
+
+std::optional<FittedPlane> fit_plane(std::span<const PatchPoint> points) {
+  if (points.empty()) return std::nullopt;
+  CentredPatch patch;
+  patch.assign(points);
+  return fit_plane(simd::moments(patch.points()), patch.origin());
+}
+
+std::optional<FittedPlane> fit_plane_trimmed(const CentredPatch& patch,
                                              const CellBuildOptions& options) {
-  std::optional<FittedPlane> plane = fit_plane(points);
+  const simd::Moments all = simd::moments(patch.points());
+  std::optional<FittedPlane> plane = fit_plane(all, patch.origin());
   for (int refit = 0; refit < kRefits && plane; ++refit) {
     const double limit = options.trim_rms_factor * std::sqrt(plane->variance_across_m2);
-    const std::size_t kept = partition_by_distance(points, plane->normal, plane->centroid, limit);
-    if (kept == points.size() || kept < options.min_points) break;
-    std::optional<FittedPlane> refitted = fit_plane(points.first(kept));
+    const Eigen::Vector3d& n = plane->normal;
+    const simd::Moments off = simd::moments_off_plane(
+        patch.points(), {n.x(), n.y(), n.z()}, n.dot(plane->centroid - patch.origin()), limit);
+    const simd::Moments kept = all - off;
+    if (off.count == 0 || kept.count < options.min_points) break;
+    std::optional<FittedPlane> refitted = fit_plane(kept, patch.origin());
     if (!refitted) break;
     plane = refitted;
   }
@@ -121,16 +145,16 @@ std::optional<FittedPlane> fit_plane_ransac(std::span<PatchPoint> points,
   std::size_t most = 0;
   Eigen::Vector3d best_normal = Eigen::Vector3d::Zero(), best_point = Eigen::Vector3d::Zero();
   for (std::uint32_t draw = 0; draw < options.ransac_draws; ++draw) {
-    const Eigen::Vector3d a = points[draw_below(state, points.size())].cast<double>();
-    const Eigen::Vector3d b = points[draw_below(state, points.size())].cast<double>();
-    const Eigen::Vector3d c = points[draw_below(state, points.size())].cast<double>();
+    const Eigen::Vector3d a = position(points[draw_below(state, points.size())]);
+    const Eigen::Vector3d b = position(points[draw_below(state, points.size())]);
+    const Eigen::Vector3d c = position(points[draw_below(state, points.size())]);
     Eigen::Vector3d normal = (b - a).cross(c - a);
     const double norm = std::sqrt(normal.squaredNorm());
     if (!(norm > 0)) continue;
     normal /= norm;
     std::size_t agreeing = 0;
     for (const PatchPoint& p : points) {
-      agreeing += std::abs(normal.dot(p.cast<double>() - a)) <= options.ransac_inlier_m;
+      agreeing += std::abs(normal.dot(position(p) - a)) <= options.ransac_inlier_m;
     }
     if (agreeing > most) {
       most = agreeing;

@@ -1,17 +1,41 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/simd/moments.hpp"
 
 namespace cellmap {
 
 /// A point of a patch, cell frame.
-using PatchPoint = Eigen::Vector3f;
+using PatchPoint = simd::PatchPoint;
+inline Eigen::Vector3d position(const PatchPoint& p) { return {p.x, p.y, p.z}; }
+
+/// The points of one patch about the first of them, which is where moments are taken: a patch is
+/// small beside its distance. Reused from patch to patch.
+class CentredPatch {
+ public:
+  /// `points` must not be empty.
+  void assign(std::span<const PatchPoint> points);
+
+  const Eigen::Vector3d& origin() const { return origin_; }
+  simd::CentredPoints points() const { return {x_.data(), y_.data(), z_.data(), count_}; }
+  std::size_t size() const { return count_; }
+  double min_range_m() const { return std::sqrt(squared_ranges_.min); }
+  double max_range_m() const { return std::sqrt(squared_ranges_.max); }
+
+ private:
+  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
+  std::size_t count_ = 0;
+  simd::SquaredRanges squared_ranges_{0, 0};
+  std::vector<double> x_, y_, z_;
+};
 
 /// The plane of a set of points and how well they agree with it.
 struct FittedPlane {
@@ -28,8 +52,7 @@ struct FittedPlane {
 std::optional<FittedPlane> fit_plane(std::span<const PatchPoint> points);
 
 /// `fit_plane`, repeated twice over the points within `trim_rms_factor` rms of the last plane.
-/// Reorders `points`: those that took part come first.
-std::optional<FittedPlane> fit_plane_trimmed(std::span<PatchPoint> points,
+std::optional<FittedPlane> fit_plane_trimmed(const CentredPatch& patch,
                                              const CellBuildOptions& options);
 
 /// The paper's fit: the plane through three drawn points that most points agree with, then

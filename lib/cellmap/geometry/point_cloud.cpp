@@ -6,10 +6,21 @@ namespace cellmap {
 
 PointCloud transformed(const PointCloud& cloud, const Pose& T_target_source) {
   PointCloud moved;
-  moved.reserve(cloud.size());
-  for (std::size_t i = 0; i < cloud.size(); ++i) {
-    moved.push_back((T_target_source * cloud[i].cast<double>()).cast<float>());
-  }
+  const std::size_t count = cloud.size();
+  moved.x.resize(count);
+  moved.y.resize(count);
+  moved.z.resize(count);
+  const Eigen::Matrix3d R = T_target_source.linear();
+  const Eigen::Vector3d t = T_target_source.translation();
+  const auto row = [&](int r, std::vector<float>& to) {
+    const double rx = R(r, 0), ry = R(r, 1), rz = R(r, 2), shift = t[r];
+    for (std::size_t i = 0; i < count; ++i) {
+      to[i] = static_cast<float>(rx * cloud.x[i] + ry * cloud.y[i] + rz * cloud.z[i] + shift);
+    }
+  };
+  row(0, moved.x);
+  row(1, moved.y);
+  row(2, moved.z);
   return moved;
 }
 

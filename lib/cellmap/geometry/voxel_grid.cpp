@@ -1,17 +1,26 @@
 #include "cellmap/geometry/voxel_grid.hpp"
 
-#include <cmath>
+#include <array>
 
 namespace cellmap {
 
 void VoxelCounter::add(const PointCloud& cloud) {
-  constexpr std::int64_t kOffset = std::int64_t{1} << 20;
+  // Shifted to positive numbers, where cutting off the fraction is rounding down.
+  constexpr double kOffset = 1 << 20;
   const auto key = [&](float v) {
-    const auto index = static_cast<std::int64_t>(std::floor(v * inverse_size_)) + kOffset;
-    return static_cast<std::uint64_t>(index) & 0x1fffffU;
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(v * inverse_size_ + kOffset)) &
+           0x1fffffU;
   };
+  // Neighbours in a scan mostly share a voxel with one of the last few points.
+  constexpr std::size_t kRecent = 256;
+  std::array<std::uint64_t, kRecent> recent;
+  recent.fill(~std::uint64_t{0});
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    occupied_.insert(key(cloud.x[i]) << 42 | key(cloud.y[i]) << 21 | key(cloud.z[i]));
+    const std::uint64_t voxel = key(cloud.x[i]) << 42 | key(cloud.y[i]) << 21 | key(cloud.z[i]);
+    std::uint64_t& known = recent[(voxel ^ voxel >> 19 ^ voxel >> 38) % kRecent];
+    if (known == voxel) continue;
+    known = voxel;
+    occupied_.insert(voxel);
   }
 }
 

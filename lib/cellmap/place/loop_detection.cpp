@@ -8,6 +8,7 @@
 #include <string>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/core/parallel.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/pose_graph/information.hpp"
 
@@ -87,8 +88,19 @@ struct Allowance {
   }
 };
 
+/// A CELL that may close loops, with what all its candidates are compared with.
+struct LoopQuery {
+  CellId id;
+  const RegistrationTarget& target;
+  const PointCloud& scan;
+  RecentredImages images;
+
+  LoopQuery(CellId query_id, const RegistrationTarget& query, const PointCloud& query_scan)
+      : id(query_id), target(query), scan(query_scan), images(query_scan) {}
+};
+
 /// The guess, turned by 5 deg either way, and the best alignments of the images that are allowed.
-std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const PointCloud& query_scan,
+std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const LoopQuery& query,
                                  const LoopCandidate& guess, const LoopOptions& options) {
   const Pose& T = guess.T_candidate_query;
   std::vector<Pose> starts = {T};
@@ -100,8 +112,7 @@ std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const Poin
   allowance.shift_m += kReachM;
   allowance.turn_rad += 6 * kRadPerDeg;
   const PolarImage image(reconstruct_points(candidate.cell(), candidate.lattice()));
-  const RecentredImages query(query_scan);
-  for (const Alignment& alignment : query.align(image, 4 * options.seeds)) {
+  for (const Alignment& alignment : query.images.align(image, 4 * options.seeds)) {
     if (starts.size() >= options.seeds + 3) break;
     Pose start = alignment.T_cell_scan;
     start.translation().z() = 0;
@@ -133,18 +144,34 @@ bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarge
              options.max_reverse_difference_deg * kRadPerDeg;
 }
 
-bool is_believed(const RegistrationTarget& candidate, const RegistrationTarget& query,
-                 const PointCloud& query_scan, const LoopCandidate& guess,
-                 const RegistrationResult& result, const LoopOptions& options) {
+bool is_believed(const RegistrationTarget& candidate, const LoopQuery& query,
+                 const LoopCandidate& guess, const RegistrationResult& result,
+                 const LoopOptions& options) {
   if (options.accept == LoopAcceptance::kPaper) {
     return result.converged && result.scores.inlier_ratio_all >= kPaperInlierRatio;
   }
   const Pose& T = result.T_target_source;
   return is_acceptable(result, options.acceptance) &&
-         is_acceptable(score_structure(candidate, thinned(query_scan, options.refine_points), T),
+         is_acceptable(score_structure(candidate, thinned(query.scan, options.refine_points), T),
                        options.structure) &&
          Allowance(guess.path_m, options).allows(guess.T_candidate_query, T) &&
-         reverse_agrees(candidate, query, T, options);
+         reverse_agrees(candidate, query.target, T, options);
+}
+
+std::optional<LoopClosure> verify(const RegistrationTarget& candidate, const LoopQuery& query,
+                                  const LoopCandidate& guess, const LoopOptions& options) {
+  const PoseSearchOptions search = search_options(options);
+  const std::vector<Pose> starts = starting_poses(candidate, query, guess, options);
+  const auto found = search_poses(candidate, query.scan, starts, search);
+  constexpr std::size_t kRefined = 2;
+  for (std::size_t i = 0; i < std::min(kRefined, found.size()); ++i) {
+    const RegistrationResult result =
+        refine_pose(candidate, query.scan, found[i].T_target_source, search);
+    if (is_believed(candidate, query, guess, result, options)) {
+      return LoopClosure{guess.cell, query.id, result};
+    }
+  }
+  return std::nullopt;
 }
 
 void require(bool holds, const char* rule) {
@@ -199,30 +226,30 @@ std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
                                        const RegistrationTarget& query,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options) {
-  const PoseSearchOptions search = search_options(options);
-  const std::vector<Pose> starts = starting_poses(candidate, query_scan, guess, options);
-  const auto found = search_poses(candidate, query_scan, starts, search);
-  constexpr std::size_t kRefined = 2;
-  for (std::size_t i = 0; i < std::min(kRefined, found.size()); ++i) {
-    const RegistrationResult result =
-        refine_pose(candidate, query_scan, found[i].T_target_source, search);
-    if (is_believed(candidate, query, query_scan, guess, result, options)) {
-      return LoopClosure{guess.cell, query_id, result};
-    }
-  }
-  return std::nullopt;
+  return verify(candidate, LoopQuery(query_id, query, query_scan), guess, options);
 }
 
 std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
                                       const PointCloud& query_scan, const TargetProvider& targets,
                                       const LoopOptions& options) {
-  std::vector<LoopClosure> closures;
   const std::vector<LoopCandidate> candidates = find_loop_candidates(graph, query, options);
-  if (candidates.empty()) return closures;
+  if (candidates.empty()) return {};
   const auto own = targets(query);
-  for (const LoopCandidate& candidate : candidates) {
-    auto closure =
-        verify_loop(*targets(candidate.cell), *own, query_scan, candidate, query, options);
+  const LoopQuery loop_query(query, *own, query_scan);
+  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;  // a provider has one caller
+  for (const LoopCandidate& candidate : candidates) loaded.push_back(targets(candidate.cell));
+
+  LoopOptions serial = options;
+  serial.registration.threads = 1;
+  std::vector<std::optional<LoopClosure>> verified(candidates.size());
+  parallel_for(candidates.size(), 1, options.registration.threads,
+               [&](std::size_t begin, std::size_t end) {
+                 for (std::size_t i = begin; i < end; ++i) {
+                   verified[i] = verify(*loaded[i], loop_query, candidates[i], serial);
+                 }
+               });
+  std::vector<LoopClosure> closures;
+  for (std::optional<LoopClosure>& closure : verified) {
     if (closure) closures.push_back(std::move(*closure));
   }
   return closures;

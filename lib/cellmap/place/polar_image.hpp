@@ -42,6 +42,7 @@ struct Alignment {
 /// CELL that was passed within 3 m: it lifts recall@1 from 91 to 99.7 % on real drives.
 class RecentredImages {
  public:
+  /// Of at most about 20,000 evenly spaced points of the scan.
   explicit RecentredImages(const PointCloud& scan);
 
   /// The best alignments with a CELL's image, best first: for each of the nine places every local

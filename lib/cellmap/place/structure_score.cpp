@@ -25,7 +25,7 @@ bool is_level(const Plane& plane) { return std::abs(plane.nz) >= kLevelNormalZ; 
 
 void score_forward(const RegistrationTarget& target, const PointCloud& scan,
                    const Pose& T_cell_scan, StructureScores& scores) {
-  const HitDistances hits = MatchedTerm({&target, &scan, false}, 1).look_up_distances(T_cell_scan);
+  const HitDistances hits = MatchedTerm({&target, &scan, false}, 1).distances(T_cell_scan);
   std::size_t points = 0, inliers = 0, in_front = 0;
   for (std::size_t i = 0; i < hits.plane.size(); ++i) {
     const double distance = hits.distance_m[i];

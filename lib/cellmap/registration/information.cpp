@@ -72,7 +72,7 @@ Matrix6d about_scan_origin(const Pose& T) {
 
 }  // namespace
 
-Matrix6d information_of(std::span<const MatchedTerm> terms, std::span<const HitDistances> hits,
+Matrix6d information_of(std::span<MatchedTerm> terms, std::span<const HitDistances> hits,
                         const Pose& T) {
   std::vector<std::vector<PlaneMoments>> moments;
   for (std::size_t i = 0; i < terms.size(); ++i) {

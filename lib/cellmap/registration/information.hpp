@@ -21,8 +21,7 @@ namespace cellmap {
 /// covariances say (23 neighbouring single scans of KITTI 00, mean squared normalised error 5 to 6
 /// times too large without it).
 constexpr double kPlanesAWitness = 6.0;
-/// `terms` as they were looked up at `T`.
-Matrix6d information_of(std::span<const MatchedTerm> terms, std::span<const HitDistances> hits,
+Matrix6d information_of(std::span<MatchedTerm> terms, std::span<const HitDistances> hits,
                         const Pose& T);
 
 /// `information` limited by the systematic deviations of the options: the inverse of the sum of the

@@ -5,6 +5,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <memory>
 #include <optional>
 #include <string>
 
@@ -85,40 +86,31 @@ ThinnedTerms thin(std::span<const RegistrationTerm> terms, const StepOf& step_of
   return thinned;
 }
 
-std::vector<MatchedTerm> matched(std::span<const RegistrationTerm> terms, int threads) {
-  std::vector<MatchedTerm> matched;
-  for (const RegistrationTerm& term : terms) matched.emplace_back(term, threads);
-  return matched;
-}
-
-/// Says when the planes of points must be looked up again (RegistrationOptions::reuse_share).
-class Staleness {
- public:
-  Staleness(double median_range_m, double allowed_rad)
-      : range_m_(median_range_m), allowed_rad_(allowed_rad) {}
-
-  bool is_stale(const Pose& T) const {
-    if (!looked_up_at_ || !(range_m_ > 0)) return true;
-    return angle_between_rad(*looked_up_at_, T) +
-               (looked_up_at_->translation() - T.translation()).norm() / range_m_ >
-           allowed_rad_;
-  }
-  void looked_up(const Pose& T) { looked_up_at_ = T; }
-  void expire() { looked_up_at_.reset(); }
-
- private:
-  double range_m_, allowed_rad_;
-  std::optional<Pose> looked_up_at_;
-};
-
 /// What a registration works with from the first iteration to the scores.
 struct Problem {
   std::span<const RegistrationTerm> terms;
   const RegistrationOptions& options;
   double median_range_m;
 
-  double allowed_reuse_rad() const {
-    return options.reuse_share * terms.front().target->lattice().patch_radius_rad();
+  ReuseBound reuse() const {
+    return {median_range_m,
+            options.reuse_share * terms.front().target->lattice().patch_radius_rad()};
+  }
+};
+
+/// The terms of a stage, thinned where it has more points than `most` (0: any number).
+struct StageTerms {
+  std::size_t most;
+  ThinnedTerms thinned;
+  std::vector<MatchedTerm> terms;
+
+  StageTerms(const Problem& problem, std::size_t most_points)
+      : most(most_points), thinned(thin(problem.terms, [most_points](std::size_t points) {
+          return most_points == 0 ? 1 : (points + most_points - 1) / most_points;
+        })) {
+    for (const RegistrationTerm& term : thinned.terms) {
+      terms.emplace_back(term, problem.options.threads, problem.reuse());
+    }
   }
 };
 
@@ -127,13 +119,10 @@ bool run_stage(const Problem& problem, const RegistrationStage& stage, bool is_l
                std::span<MatchedTerm> terms, RegistrationResult& result) {
   const RegistrationOptions& options = problem.options;
   CreepAccelerator accelerator(problem.median_range_m);
-  Staleness staleness(problem.median_range_m, problem.allowed_reuse_rad());
   for (int i = 0; i < stage.max_iterations; ++i) {
     const Pose& T = result.T_target_source;
-    const bool look_up = staleness.is_stale(T);
-    if (look_up) staleness.looked_up(T);
     NormalSystem system;
-    for (MatchedTerm& term : terms) term.add_normal_equations(T, stage, look_up, system);
+    for (MatchedTerm& term : terms) term.add_normal_equations(T, stage, system);
     if (system.points < options.min_points_in_gate) return false;
     const std::optional<Tangent> step = solve(system);
     if (!step) return false;
@@ -143,9 +132,9 @@ bool run_stage(const Problem& problem, const RegistrationStage& stage, bool is_l
     if (is_last && translation < options.convergence_translation_m &&
         step->tail<3>().norm() < options.convergence_rotation_rad) {
       result.T_target_source = moved;
-      result.converged = look_up;
+      result.converged = terms.front().is_fresh();  // all of them look up together
       if (result.converged) return false;
-      staleness.expire();
+      for (MatchedTerm& term : terms) term.forget();
       continue;
     }
     const bool may_creep = stage.kernel != RobustKernel::kNone;
@@ -154,21 +143,19 @@ bool run_stage(const Problem& problem, const RegistrationStage& stage, bool is_l
   return !is_last;
 }
 
-void iterate(const Problem& problem, RegistrationResult& result) {
+/// Runs all stages; returns the terms of all points.
+std::unique_ptr<StageTerms> iterate(const Problem& problem, RegistrationResult& result) {
   const std::vector<RegistrationStage> stages =
       problem.options.stages.empty() ? default_registration_stages() : problem.options.stages;
-  ThinnedTerms thinned;
-  std::vector<MatchedTerm> terms;
+  std::unique_ptr<StageTerms> at;
   for (std::size_t s = 0; s < stages.size(); ++s) {
-    const std::size_t most = stages[s].max_points;
-    if (terms.empty() || most != stages[s - 1].max_points) {
-      thinned = thin(problem.terms, [most](std::size_t points) {
-        return most == 0 ? 1 : std::max<std::size_t>(1, (points + most - 1) / most);
-      });
-      terms = matched(thinned.terms, problem.options.threads);
+    if (!at || at->most != stages[s].max_points) {
+      at = std::make_unique<StageTerms>(problem, stages[s].max_points);
     }
-    if (!run_stage(problem, stages[s], s + 1 == stages.size(), terms, result)) return;
+    if (!run_stage(problem, stages[s], s + 1 == stages.size(), at->terms, result)) break;
   }
+  if (at->most != 0) at = std::make_unique<StageTerms>(problem, 0);
+  return at;
 }
 
 RegistrationResult register_terms(std::span<const RegistrationTerm> all_terms,
@@ -179,16 +166,12 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> all_terms,
   const Problem problem{selected.terms, options, median_range_m(selected.terms)};
   RegistrationResult result;
   result.T_target_source = T_initial;
-  iterate(problem, result);
-
-  std::vector<MatchedTerm> terms = matched(selected.terms, options.threads);
+  const std::unique_ptr<StageTerms> all = iterate(problem, result);
   std::vector<HitDistances> hits;
-  for (MatchedTerm& term : terms) {
-    hits.push_back(term.look_up_distances(result.T_target_source));
-  }
+  for (MatchedTerm& term : all->terms) hits.push_back(term.distances(result.T_target_source));
   result.scores = scores_of(hits);
   result.rmse_m = inlier_rmse_m(hits);
-  const Matrix6d information = information_of(terms, hits, result.T_target_source);
+  const Matrix6d information = information_of(all->terms, hits, result.T_target_source);
   const HeldMotions held = held_motions(information, result.T_target_source, problem.median_range_m,
                                         options.degeneracy_share);
   result.degeneracy = held.degeneracy;

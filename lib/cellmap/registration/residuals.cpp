@@ -107,13 +107,21 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
   return residual;
 }
 
-MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads)
-    : term_(term), threads_(threads), slots_(term.scan->size(), 0) {}
+MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse)
+    : term_(term), threads_(threads), reuse_(reuse), slots_(term.scan->size(), 0) {}
 
-/// Calls `per_block(block, chunk)` for all blocks, after looking their slots up into `look_up`
-/// (that is slots_) unless it is null; chunks may be on different threads.
+bool MatchedTerm::serves(const Pose& T) const {
+  if (!looked_up_at_ || !(reuse_.median_range_m > 0)) return false;
+  const double translation = (looked_up_at_->translation() - T.translation()).norm();
+  return angle_between_rad(*looked_up_at_, T) + translation / reuse_.median_range_m <=
+         reuse_.angle_rad;
+}
+
+/// Calls `per_block(block, chunk)` for all blocks; chunks may be on different threads.
 template <typename PerBlock>
-void MatchedTerm::visit(const Pose& T, std::uint32_t* look_up, const PerBlock& per_block) const {
+void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
+  is_fresh_ = !serves(T);
+  if (is_fresh_) looked_up_at_ = T;
   const simd::Motion motion = to_motion(moving_pose(term_, T));
   const PointCloud& scan = *term_.scan;
   const RegistrationTarget& target = *term_.target;
@@ -125,8 +133,8 @@ void MatchedTerm::visit(const Pose& T, std::uint32_t* look_up, const PerBlock& p
           motion,
           {scan.x.data() + block.begin, scan.y.data() + block.begin, scan.z.data() + block.begin},
           block.count, {block.x.data(), block.y.data(), block.z.data()});
-      if (look_up != nullptr) {
-        std::uint32_t* const slot = look_up + block.begin;
+      std::uint32_t* const slot = slots_.data() + block.begin;
+      if (is_fresh_) {
         target.lattice().nearest(block.x.data(), block.y.data(), block.z.data(),
                                  std::span(block.index).first(block.count));
         for (std::size_t k = 0; k < block.count; ++k) {
@@ -134,26 +142,26 @@ void MatchedTerm::visit(const Pose& T, std::uint32_t* look_up, const PerBlock& p
         }
       }
       for (std::size_t k = 0; k < block.count; ++k) {
-        block.planes[k] = target.hesse_plane(slots_[block.begin + k]);
+        block.planes[k] = target.hesse_plane(slot[k]);
       }
       per_block(block, first / kPointsAChunk);
     }
   });
 }
 
-void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& stage, bool look_up,
+void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& stage,
                                        NormalSystem& system) {
   const simd::Weights weights = to_weights(stage);
   std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
-  visit(T, look_up ? slots_.data() : nullptr, [&](Block& block, std::size_t chunk) {
+  visit(T, [&](Block& block, std::size_t chunk) {
     simd::accumulate(block.planes.data(), block.points(), block.count, weights, chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);
 }
 
-HitDistances MatchedTerm::look_up_distances(const Pose& T) {
+HitDistances MatchedTerm::distances(const Pose& T) {
   std::vector<float> distance_m(slots_.size());
-  visit(T, slots_.data(), [&](Block& block, std::size_t) {
+  visit(T, [&](Block& block, std::size_t) {
     simd::distances(block.planes.data(), block.points(), block.count,
                     distance_m.data() + block.begin);
   });
@@ -171,13 +179,13 @@ HitDistances MatchedTerm::look_up_distances(const Pose& T) {
 
 void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
                                      std::span<const double> weight_of_plane,
-                                     NormalSystem& system) const {
+                                     NormalSystem& system) {
   assert(weight_of_plane.size() == term_.target->cell().planes.size());
   std::vector<float> weight_of_slot = {0.0f};
   weight_of_slot.insert(weight_of_slot.end(), weight_of_plane.begin(), weight_of_plane.end());
   simd::Weights weights{simd::Weighting::kGiven, static_cast<float>(gate_m), 0, nullptr};
   std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
-  visit(T, nullptr, [&](Block& block, std::size_t chunk) {
+  visit(T, [&](Block& block, std::size_t chunk) {
     for (std::size_t k = 0; k < block.count; ++k) {
       block.scratch[k] = weight_of_slot[slots_[block.begin + k]];
     }

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -43,6 +44,14 @@ struct NormalSystem {
   std::size_t points = 0;  ///< that had a weight
 };
 
+/// Until when planes that were looked up at one pose serve others
+/// (RegistrationOptions::reuse_share): while rotation plus translation over the median range stay
+/// within this. 0: never.
+struct ReuseBound {
+  double median_range_m = 0;
+  double angle_rad = 0;
+};
+
 /// All points of a term and the plane that each of them met when it was last looked up. Points are
 /// moved, looked up and summed in blocks that stay in the nearest cache, in float
 /// (simd/residuals.hpp); sums of blocks are added in double in a fixed order, so that results do
@@ -51,29 +60,36 @@ struct NormalSystem {
 class MatchedTerm {
  public:
   /// `threads` as in RegistrationOptions.
-  MatchedTerm(const RegistrationTerm& term, int threads);
+  MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse = {});
 
   const RegistrationTerm& term() const { return term_; }
 
   /// Adds the normal equations at `T` of the points within the stage's gate, weighted by its
-  /// kernel; looks the planes up first if `look_up`, else uses the last ones.
-  void add_normal_equations(const Pose& T, const RegistrationStage& stage, bool look_up,
-                            NormalSystem& system);
+  /// kernel.
+  void add_normal_equations(const Pose& T, const RegistrationStage& stage, NormalSystem& system);
 
-  /// Looks the planes up at `T`.
-  HitDistances look_up_distances(const Pose& T);
+  /// The points and their distances at `T`.
+  HitDistances distances(const Pose& T);
 
-  /// Adds the matrix H at `T` of the points within `gate_m` of the planes they met last, each with
-  /// the weight of its plane.
+  /// Adds the matrix H at `T` of the points within `gate_m`, each with the weight of its plane.
   void add_plane_weighted(const Pose& T, double gate_m, std::span<const double> weight_of_plane,
-                          NormalSystem& system) const;
+                          NormalSystem& system);
+
+  /// Whether the last of these calls looked planes up rather than used earlier ones.
+  bool is_fresh() const { return is_fresh_; }
+  /// The next call looks up.
+  void forget() { looked_up_at_.reset(); }
 
  private:
+  bool serves(const Pose& T) const;
   template <typename PerBlock>
-  void visit(const Pose& T, std::uint32_t* look_up, const PerBlock& per_block) const;
+  void visit(const Pose& T, const PerBlock& per_block);
 
   RegistrationTerm term_;
   int threads_;
+  ReuseBound reuse_;
+  std::optional<Pose> looked_up_at_;
+  bool is_fresh_ = false;
   std::vector<std::uint32_t> slots_;  // RegistrationTarget::slot_of
 };
 

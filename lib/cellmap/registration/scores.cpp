@@ -75,7 +75,7 @@ RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud
                               const Pose& T_cell_scan, std::size_t point_step) {
   const PointCloud thinned = point_step > 1 ? every_nth(scan, point_step) : PointCloud();
   MatchedTerm term({&target, point_step > 1 ? &thinned : &scan, false}, 1);
-  const HitDistances hits = term.look_up_distances(T_cell_scan);
+  const HitDistances hits = term.distances(T_cell_scan);
   return scores_of({&hits, 1});
 }
 
