@@ -41,8 +41,8 @@ Pose truth(std::uint32_t nodes_a_round, std::uint32_t i) {
 
 /// That drive, 6 m a step, with the drift of the odometry in the nodes. Every fourth node of the
 /// later rounds closes a loop to the round before; some closures are false.
-PoseGraph drive(std::uint32_t nodes_a_round, int false_loops) {
-  std::mt19937 rng(4);
+PoseGraph drive(std::uint32_t nodes_a_round, int false_loops, unsigned seed = 4) {
+  std::mt19937 rng(seed);
   PoseGraph graph;
   graph.nodes[{0}] = truth(nodes_a_round, 0);
   const auto tie = [&](std::uint32_t from, std::uint32_t to, ConstraintKind kind) {
@@ -112,6 +112,26 @@ TEST(Optimize, OneNewLoopTakesAFewStepsFromTheLastSolution) {
   const PoseGraphSummary summary = optimize(graph);
   EXPECT_TRUE(summary.converged);
   EXPECT_LE(summary.iterations, 12);
+}
+
+/// The gap of the loop is many of its own sigmas wide, but what the drift of the odometry may be.
+TEST(Optimize, ATrueFirstLoopAfterALongDriftCloses) {
+  int closed = 0;
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    PoseGraph graph = drive(100, 0, seed);
+    std::erase_if(graph.constraints, [](const Constraint& c) {
+      return c.kind == ConstraintKind::kLoop && c.to.value != 296;
+    });
+    const Constraint& loop = graph.constraints.back();
+    const auto gap_m = [&] {
+      const Pose T = graph.nodes.at(loop.from).inverse() * graph.nodes.at(loop.to);
+      return (T.translation() - loop.T_from_to.translation()).norm();
+    };
+    EXPECT_GT(gap_m(), 20 * kSigmaM);
+    ASSERT_TRUE(optimize(graph).converged);
+    if (gap_m() < 3 * kSigmaM) ++closed;
+  }
+  EXPECT_GE(closed, 19);
 }
 
 TEST(Optimize, WhatNoLoopSpansFollowsRigidly) {

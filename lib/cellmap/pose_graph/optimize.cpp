@@ -21,6 +21,10 @@ constexpr double kMovedRotationRad = 1e-6;
 constexpr double kLastStepM = 1e-5;
 constexpr double kLastStepRad = 1e-7;
 
+/// A loop longer than this many loss scales is stretched: it pulls so little that what it
+/// contradicts may hold it open. By chance no true loop is so long at the solution.
+constexpr double kStretchedScales = 2;
+
 /// Relative decrease of the cost that ends the approach; the solution need not be precise.
 constexpr double kApproachTolerance = 1e-3;
 
@@ -266,10 +270,10 @@ class Problem {
   }
 
   bool has_stretched_loop() const {
-    const double c2 = options_.loop_loss_scale * options_.loop_loss_scale;
-    return c2 > 0 && std::any_of(terms_.begin(), terms_.end(), [&](const Term& term) {
+    const double limit = std::pow(kStretchedScales * options_.loop_loss_scale, 2);
+    return limit > 0 && std::any_of(terms_.begin(), terms_.end(), [&](const Term& term) {
              return term.is_loop &&
-                    term.cost.squared_error(poses_[term.from], poses_[term.to]) > c2;
+                    term.cost.squared_error(poses_[term.from], poses_[term.to]) > limit;
            });
   }
 
