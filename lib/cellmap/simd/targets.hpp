@@ -10,7 +10,7 @@ namespace cellmap::simd {
 /// compare them; a program has no reason to call them.
 
 /// Names of those this processor can run, the widest first, for example {"AVX3", "AVX2", "SSE4",
-/// "SSSE3"} (AVX3 is AVX-512).
+/// "SSSE3", "SCALAR"} (AVX3 is AVX-512); while a restriction holds, those that it leaves.
 std::vector<std::string> instruction_sets();
 
 /// The one in use.
