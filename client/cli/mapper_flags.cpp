@@ -31,10 +31,7 @@ IngestOptions MapperFlags::ingest_options() const {
   IngestOptions result = options;
   if (no_bidirectional) result.bidirectional = false;
   if (no_loops) result.loop_closures = false;
-  if (!loop_acceptance.empty()) {
-    result.loop_acceptance =
-        loop_acceptance == "paper" ? LoopAcceptance::kPaper : LoopAcceptance::kScores;
-  }
+  result.loop_acceptance = loop_acceptance_from(loop_acceptance);  // CLI11 has checked it
   if (!fit.empty()) result.fit = fit == "ransac" ? PlaneFit::kRansac : PlaneFit::kTrimmed;
   return result;
 }

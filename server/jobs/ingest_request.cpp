@@ -47,11 +47,12 @@ MapperOptions parse_options(const Json& json) {
   number("max_range_gap_m", options.build.max_range_gap_m);
   options.bidirectional = reader.boolean("bidirectional").value_or(options.bidirectional);
   options.loop_closures = reader.boolean("loop_closures").value_or(options.loop_closures);
-  if (const auto accept = reader.text("loop_acceptance")) {
-    if (*accept != "scores" && *accept != "paper") {
-      invalid("Expected loop_acceptance to be scores or paper, found " + in_quotes(*accept) + ".");
+  if (const auto name = reader.text("loop_acceptance")) {
+    const auto accept = loop_acceptance_from(*name);
+    if (!accept) {
+      invalid("Expected loop_acceptance to be scores or paper, found " + in_quotes(*name) + ".");
     }
-    options.loops.accept = *accept == "paper" ? LoopAcceptance::kPaper : LoopAcceptance::kScores;
+    options.loops.accept = *accept;
   }
   if (const auto count = reader.integer("min_points", UINT32_MAX)) {
     options.build.min_points = static_cast<std::uint32_t>(*count);

@@ -13,7 +13,7 @@ from pathlib import Path
 # room -> rooms it may include beside itself (ARCHITECTURE.md, "Rooms")
 ROOMS = {
     "core": [],
-    "simd": [],
+    "simd": ["core"],
     "geometry": ["core", "simd"],
     "scan": ["core", "geometry"],
     "cell": ["core", "simd", "geometry", "scan"],

@@ -547,10 +547,7 @@ Json to_json(const IngestOptions& options) {
   set("vertical_angle_correction_deg", options.vertical_angle_correction_deg);
   set("bidirectional", options.bidirectional);
   set("loop_closures", options.loop_closures);
-  if (options.loop_acceptance) {
-    json["loop_acceptance"] =
-        *options.loop_acceptance == LoopAcceptance::kPaper ? "paper" : "scores";
-  }
+  if (options.loop_acceptance) json["loop_acceptance"] = to_string(*options.loop_acceptance);
   set("min_points", options.min_points);
   set("max_range_gap_m", options.max_range_gap_m);
   if (options.fit) json["fit"] = *options.fit == PlaneFit::kRansac ? "ransac" : "trimmed";

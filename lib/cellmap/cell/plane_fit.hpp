@@ -26,7 +26,6 @@ class CentredPatch {
 
   const Eigen::Vector3d& origin() const { return origin_; }
   simd::CentredPoints points() const { return {x_.data(), y_.data(), z_.data(), count_}; }
-  std::size_t size() const { return count_; }
   double min_range_m() const { return std::sqrt(squared_ranges_.min); }
   double max_range_m() const { return std::sqrt(squared_ranges_.max); }
 

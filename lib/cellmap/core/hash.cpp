@@ -1,9 +1,9 @@
 #include "cellmap/core/hash.hpp"
 
+#include <openssl/evp.h>
+
 #include <charconv>
 #include <memory>
-
-#include <openssl/evp.h>
 
 #include "cellmap/core/error.hpp"
 
@@ -41,9 +41,8 @@ std::string to_hex(const ContentHash& hash) {
 ContentHash content_hash_from_hex(const std::string& hex) {
   ContentHash hash;
   const auto fail = [&] {
-    return Error(ErrorCode::kInvalidArgument,
-                 "a content hash has 64 hexadecimal digits, but '" + hex.substr(0, 80) +
-                     "' was given");
+    return Error(ErrorCode::kInvalidArgument, "a content hash has 64 hexadecimal digits, but '" +
+                                                  hex.substr(0, 80) + "' was given");
   };
   if (hex.size() != 2 * hash.bytes.size()) throw fail();
   for (std::size_t i = 0; i < hash.bytes.size(); ++i) {

@@ -180,6 +180,17 @@ void require(bool holds, const char* rule) {
 
 }  // namespace
 
+std::string to_string(LoopAcceptance acceptance) {
+  return acceptance == LoopAcceptance::kPaper ? "paper" : "scores";
+}
+
+std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name) {
+  for (const auto acceptance : {LoopAcceptance::kScores, LoopAcceptance::kPaper}) {
+    if (name == to_string(acceptance)) return acceptance;
+  }
+  return std::nullopt;
+}
+
 void LoopOptions::validate() const {
   require(candidates <= 1000, "candidates <= 1000");
   require(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");

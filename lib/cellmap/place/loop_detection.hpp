@@ -4,6 +4,8 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "cellmap/core/id.hpp"
@@ -40,6 +42,10 @@ enum class LoopAcceptance {
   kPaper,   ///< the paper's, for comparison: inliers over all points >= 0.2 and nothing else
 };
 constexpr double kPaperInlierRatio = 0.2;
+
+/// "scores" or "paper", as in the API and on the command line; nothing for another name.
+std::string to_string(LoopAcceptance acceptance);
+std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name);
 
 struct LoopOptions {
   LoopAcceptance accept = LoopAcceptance::kScores;

@@ -76,11 +76,12 @@ struct PoseGraphSummary {
 /// constraint names a node that is not there.
 ///
 /// Ceres' Levenberg-Marquardt with analytic derivatives and a trust region so large that its steps
-/// are Gauss-Newton's. Where a loop is stretched beyond twice `loop_loss_scale`, steps with Cauchy's
-/// loss come first: their pull on a loop is bounded but never ends, so that a true loop after a long
-/// drift closes and a false one yields to what contradicts it, before a loss is applied that forgets
-/// false ones (dynamic covariance scaling). KITTI 00's graph (578 nodes, 306 loops) takes about
-/// 30 ms from odometry (7 steps) and 12 ms after one new loop (2 steps); a step takes 3 ms.
+/// are Gauss-Newton's. Where a loop is stretched beyond twice `loop_loss_scale`, steps with
+/// Cauchy's loss come first: their pull on a loop is bounded but never ends, so that a true loop
+/// after a long drift closes and a false one yields to what contradicts it, before a loss is
+/// applied that forgets false ones (dynamic covariance scaling). KITTI 00's graph (578 nodes, 306
+/// loops) takes about 30 ms from odometry (7 steps) and 12 ms after one new loop (2 steps); a step
+/// takes 3 ms.
 PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options = {});
 
 /// g2o text: VERTEX_SE3:QUAT and EDGE_SE3:QUAT (information reordered to g2o's right perturbation).

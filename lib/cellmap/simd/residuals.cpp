@@ -15,9 +15,7 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 using F = hn::ScalableTag<float>;
-using I = hn::RebindToSigned<F>;
 using VF = hn::Vec<F>;
-using VI = hn::Vec<I>;
 using MF = hn::Mask<F>;
 
 struct Vec3 {

@@ -2,7 +2,7 @@
 
 #include <hwy/highway.h>
 
-#include <stdexcept>
+#include "cellmap/core/error.hpp"
 
 namespace cellmap::simd {
 
@@ -23,7 +23,12 @@ void restrict_instruction_set(const std::string& name) {
     for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
       if (kept != 0 || name == hwy::TargetName(target)) kept |= target;
     }
-    if (kept == 0) throw std::invalid_argument("no instruction set " + name + " here");
+    if (kept == 0) {
+      std::string known;
+      for (const std::string& one : instruction_sets()) known += " " + one;
+      throw Error(ErrorCode::kInvalidArgument,
+                  "instruction set '" + name + "' is not here; this machine has" + known);
+    }
     hwy::SetSupportedTargetsForTest(kept);
   }
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());

@@ -17,8 +17,8 @@ std::vector<std::string> instruction_sets();
 std::string instruction_set();
 
 /// From now on no wider one than `name` is used; an empty name lifts the restriction. Throws
-/// std::invalid_argument for a name that is not among `instruction_sets()`. Affects the whole
-/// process: not while another thread computes.
+/// Error{kInvalidArgument}, without a restriction left, for a name that this processor or this
+/// build does not have. Affects the whole process: not while another thread computes.
 void restrict_instruction_set(const std::string& name);
 
 }  // namespace cellmap::simd
