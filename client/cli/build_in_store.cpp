@@ -1,14 +1,12 @@
 #include "client/cli/build_in_store.hpp"
 
+#include <set>
+
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
-#include "cellmap/geometry/voxel_grid.hpp"
 
 namespace cellmap::cli {
 namespace {
-
-constexpr double kVoxelSize_m = 0.4;
-constexpr std::size_t kMaxVoxels = 15'000'000;
 
 MapInfo open_or_make(Store& store, const std::string& name,
                      const std::optional<LatticeSpec>& lattice) {
@@ -27,17 +25,6 @@ MapInfo open_or_make(Store& store, const std::string& name,
 std::shared_ptr<const Cell> load(const Store& store, const std::string& map, CellId id) {
   return std::make_shared<const Cell>(
       decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes)));
-}
-
-MapUpdate to_map_update(const CellUpdate& update, std::uint64_t voxel_points) {
-  MapUpdate result;
-  result.cells.push_back({update.id, update.cell, encode_cell(*update.cell),
-                          update.poses.at(update.id), update.scans, update.raw_points});
-  result.poses = update.poses;
-  result.poses.erase(update.id);
-  result.add_constraints = update.constraints;
-  result.voxel_points = voxel_points;
-  return result;
 }
 
 /// Puts mapper and source behind the last stored CELL of the session. False where the drive ends
@@ -65,25 +52,30 @@ MapInfo build_in_store(Store& store, const std::string& map,
                        const std::stop_token& stop, const ProgressCallback& progress) {
   const MapInfo info = open_or_make(store, map, lattice);
   const auto directions = std::make_shared<const Lattice>(info.lattice);
-  const TargetProvider targets = [&](CellId id) {
-    return std::make_shared<const RegistrationTarget>(load(store, map, id), directions);
-  };
-  Mapper mapper(options, session, directions, store.pose_graph(map), targets);
+  const auto places = std::make_shared<PlaceIndex>();
+  std::set<CellId> indexed;
+  const MapAccess access{[&](CellId id) {
+                           return std::make_shared<const RegistrationTarget>(load(store, map, id),
+                                                                             directions);
+                         },
+                         [&](const PoseGraph& graph) {
+                           for (const auto& [id, pose] : graph.nodes) {
+                             if (indexed.insert(id).second)
+                               places->add(id, *load(store, map, id), *directions);
+                           }
+                           return places;
+                         }};
+  Mapper mapper(options, session, directions, store.pose_graph(map), access);
   Progress state{0, source.size(), 0};
-  VoxelCounter voxels(kVoxelSize_m);
-  const auto commit = [&](const std::optional<CellUpdate>& update) {
+  const auto commit = [&](std::optional<CellUpdate> update) {
     if (!update) return;
-    store.commit(map, to_map_update(*update, info.voxel_points + voxels.size()));
+    store.commit(map, to_map_update(*std::move(update)));
     ++state.cells_done;
   };
 
   if (!go_on(store, map, session, source, mapper, state)) return info;
   while (const auto scan = source.next()) {
     throw_if_stopped(stop);
-    if (voxels.size() < kMaxVoxels) {
-      const Scan clean = filter_scan(scan->points, scan->stamp, options.filter);
-      voxels.add(transformed(clean.points, scan->T_odom_sensor));
-    }
     commit(mapper.add(*scan));
     state.scans_done = scan->index + 1;
     if (progress) progress(state);

@@ -212,9 +212,6 @@ Response put(Services& services, const Call& call) {
   if (auto answer = answer_existing(services, call, id, added.encoded.hash)) {
     return *std::move(answer);
   }
-  if (services.jobs.is_running(map)) {
-    throw Error(ErrorCode::kConflict, "A job writes to this map; add the CELL when it has ended.");
-  }
   MapUpdate update;
   update.cells.push_back(std::move(added));
   const auto committed = services.store.commit(map, update);

@@ -62,16 +62,6 @@ void check_node(const PoseGraph& graph, CellId id) {
   throw Error(ErrorCode::kNotFound, "The map has no CELL " + std::to_string(id.value) + ".");
 }
 
-/// A writer's lock on a map that no job writes to.
-std::unique_lock<std::mutex> lock_for_change(Services& services, const MapState& state) {
-  std::unique_lock lock(state.writer());
-  if (services.jobs.is_running(state.name())) {
-    throw Error(ErrorCode::kConflict,
-                "A job writes to this map; change its loops when it has ended.");
-  }
-  return lock;
-}
-
 bool has_loop(const PoseGraph& graph, CellId a, CellId b) {
   return std::ranges::any_of(graph.constraints, [&](const Constraint& c) {
     return c.kind == ConstraintKind::kLoop &&
@@ -135,7 +125,7 @@ Json answer(Revision revision, const std::vector<Constraint>& loops,
 Response add(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const LoopRequest request = read_request(call.json());
-  const auto lock = lock_for_change(services, *state);
+  const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   std::vector<Constraint> loops;
   if (request.detect) {
@@ -188,7 +178,7 @@ Response get(Services& services, const Call& call) {
 Response remove(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const ConstraintId id{call.path_id("loop")};
-  const auto lock = lock_for_change(services, *state);
+  const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   find_loop(*graph, id);
   PoseGraph changed = *graph;

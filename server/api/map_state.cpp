@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <ranges>
 
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/zstd.hpp"
@@ -53,6 +54,12 @@ std::shared_ptr<const PoseGraph> MapState::graph() const {
   return loaded;
 }
 
+void MapState::publish(PoseGraph graph) const {
+  auto published = std::make_shared<const PoseGraph>(std::move(graph));
+  const std::lock_guard lock(graph_mutex_);
+  if (!graph_ || graph_->revision < published->revision) graph_ = std::move(published);
+}
+
 std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
   if (auto cached = cache_.find(key_, id)) return cached;
   auto cell = std::make_shared<const Cell>(load_cell(store_, name_, id));
@@ -63,6 +70,10 @@ std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
 
 TargetProvider MapState::targets(std::shared_ptr<const MapState> state) {
   return [state = std::move(state)](CellId id) { return state->target(id); };
+}
+
+MapAccess MapState::access(const std::shared_ptr<const MapState>& state) {
+  return {targets(state), [state](const PoseGraph& graph) { return state->place_index(graph); }};
 }
 
 void MapState::bring_up_to_date(Index& index, const PoseGraph& graph) const {
@@ -83,7 +94,10 @@ std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) 
   auto share = [](const std::shared_ptr<Index>& index) {
     return std::shared_ptr<const PlaceIndex>(index, &index->index);
   };
-  if (indices_[0] && indices_[0]->cells.size() >= graph.nodes.size()) return share(indices_[0]);
+  const auto is_complete = [&](const Index& index) {
+    return std::ranges::includes(index.cells, std::views::keys(graph.nodes));
+  };
+  if (indices_[0] && is_complete(*indices_[0])) return share(indices_[0]);
   for (auto& index : indices_) {
     if (index && index.use_count() > 1) continue;         // a reader is in it
     std::atomic_thread_fence(std::memory_order_acquire);  // and the last one has left it

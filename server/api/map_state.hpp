@@ -10,6 +10,7 @@
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/geometry/lattice.hpp"
+#include "cellmap/pipeline/back_end.hpp"
 #include "cellmap/place/loop_detection.hpp"
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
@@ -52,10 +53,13 @@ class MapState {
 
   /// The pose graph of the store's current revision.
   std::shared_ptr<const PoseGraph> graph() const;
+  /// Saves reading again what was just committed: the graph of that revision.
+  void publish(PoseGraph graph) const;
 
   std::shared_ptr<const RegistrationTarget> target(CellId id) const;
   /// Keeps the state alive.
   static TargetProvider targets(std::shared_ptr<const MapState> state);
+  static MapAccess access(const std::shared_ptr<const MapState>& state);
 
   /// Descriptors of CELLs of `graph`, brought up to date as far as other readers allow: an index
   /// that is being read is never changed, so there are at most two, and while both are in use the

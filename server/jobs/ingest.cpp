@@ -1,32 +1,13 @@
 #include "server/jobs/ingest.hpp"
 
-#include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/core/error.hpp"
-#include "cellmap/geometry/voxel_grid.hpp"
 #include "cellmap/pipeline/mapper.hpp"
 
 namespace cellmap::server {
 namespace {
 
-constexpr double kVoxelSize_m = 0.4;
-constexpr std::size_t kMaxVoxels = 15'000'000;
-
-MapUpdate to_map_update(const CellUpdate& update) {
-  MapUpdate result;
-  NewCell cell{.id = update.id,
-               .cell = update.cell,
-               .encoded = encode_cell(*update.cell),
-               .T_map_cell = update.poses.at(update.id),
-               .scans = update.scans,
-               .raw_points = update.raw_points};
-  result.cells.push_back(std::move(cell));
-  result.poses = update.poses;
-  result.poses.erase(update.id);
-  result.add_constraints = update.constraints;
-  return result;
-}
-
-/// One run: the mapper and what it shares with the store.
+/// One run: what it shares with the store, and the two ends of the pipeline. The front end works on
+/// its own; only while the back end ties a CELL to the map do other writers wait.
 class Ingest {
  public:
   Ingest(Maps& maps, const std::string& map, const IngestRequest& request, ScanSource& source,
@@ -37,7 +18,8 @@ class Ingest {
         source_(source),
         stop_(stop),
         hooks_(hooks),
-        earlier_voxels_(store_.map(map).voxel_points) {
+        front_end_(request.options, request.session, state_->lattice()),
+        back_end_(request.options, MapState::access(state_)) {
     progress_.scans_total = source.size();
   }
 
@@ -49,50 +31,36 @@ class Ingest {
       if (hooks_.progress) hooks_.progress(progress_);
       if (source_.size() > 0 && resume->next_scan() >= source_.size()) return;
     }
-    Mapper mapper = make_mapper();
-    if (!go_on_after(mapper, resume)) return;
+    if (!go_on_after(resume)) return;
     while (const auto scan = source_.next()) {
       throw_if_stopped(stop_);
-      count_voxels(*scan);
-      if (const auto update = mapper.add(*scan)) commit(*update);
+      if (auto cell = front_end_.add(*scan)) extend_map(std::move(*cell));
       ++progress_.scans_done;
       if (hooks_.progress) hooks_.progress(progress_);
     }
     throw_if_stopped(stop_);
-    if (const auto update = mapper.finish()) commit(*update);
+    if (auto cell = front_end_.finish()) extend_map(std::move(*cell));
   }
 
  private:
-  Mapper make_mapper() const {
-    // A change of the map that began before this job was running ends first; none begins after.
-    const std::lock_guard lock(state_->writer());
-    return Mapper(request_.options, request_.session, state_->lattice(), *state_->graph(),
-                  MapState::targets(state_));
-  }
-
   /// False where the drive ended before the stored part was read again.
-  bool go_on_after(Mapper& mapper, const std::optional<ResumePoint>& resume) {
+  bool go_on_after(const std::optional<ResumePoint>& resume) {
     if (!resume) return true;
     source_.seek(resume->cell->first_scan);
     const auto base_scan = source_.next();
     if (!base_scan) return false;
-    mapper.resume_after(resume->record.id, resume->cell, *base_scan);
+    front_end_.resume_after(*resume->cell);
+    back_end_.resume_after(
+        resume->record.id,
+        last_of_session(resume->cell, *base_scan, state_->lattice(), request_.options.filter));
     source_.seek(resume->next_scan());
     return true;
   }
 
-  void count_voxels(const PosedScan& scan) {
-    if (voxels_.size() > kMaxVoxels) return;
-    const Scan clean = filter_scan(scan.points, scan.stamp, request_.options.filter);
-    voxels_.add(transformed(clean.points, scan.T_odom_sensor));
-  }
-
-  void commit(const CellUpdate& update) {
-    MapUpdate map_update = to_map_update(update);
-    map_update.voxel_points = earlier_voxels_ + voxels_.size();
+  void extend_map(FinishedCell&& cell) {
     {
       const std::lock_guard lock(state_->writer());
-      store_.commit(state_->name(), map_update);
+      extend(store_, *state_, back_end_, std::move(cell));
     }
     ++progress_.cells_done;
     if (hooks_.committed) hooks_.committed(progress_);
@@ -104,12 +72,25 @@ class Ingest {
   ScanSource& source_;
   const std::stop_token& stop_;
   const IngestHooks& hooks_;
-  std::uint64_t earlier_voxels_;
-  VoxelCounter voxels_{kVoxelSize_m};
+  FrontEnd front_end_;
+  BackEnd back_end_;
   Progress progress_;
 };
 
 }  // namespace
+
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell) {
+  PoseGraph graph = *state.graph();
+  const std::size_t known = graph.constraints.size();
+  const CommitResult result =
+      store.commit(state.name(), to_map_update(back_end.integrate(std::move(cell), graph)));
+  for (std::size_t i = 0; i < result.constraint_ids.size(); ++i) {
+    graph.constraints[known + i].id = result.constraint_ids[i];
+  }
+  graph.revision = result.revision;
+  state.publish(std::move(graph));
+  return result;
+}
 
 std::optional<ResumePoint> find_resume_point(const Store& store, const std::string& map,
                                              const std::string& session) {

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "cellmap/core/progress.hpp"
+#include "cellmap/pipeline/back_end.hpp"
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/map_state.hpp"
 #include "server/jobs/ingest_request.hpp"
@@ -23,18 +24,20 @@ struct ResumePoint {
 std::optional<ResumePoint> find_resume_point(const Store& store, const std::string& map,
                                              const std::string& session);
 
+/// Ties a finished CELL to the map as it stands and commits it. The caller holds `state.writer()`.
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell);
+
 struct IngestHooks {
   ProgressCallback progress;   ///< after every scan
   ProgressCallback committed;  ///< after every CELL, which is then durable
 };
 
-/// Reads a drive into a map. Every CELL is committed with its constraints and the poses it moved as
-/// one transaction, so that stopping anywhere leaves whole CELLs, and running again goes on after
-/// the last of them (its base scan is read again): the map is the same as that of an undisturbed
-/// run. A session that is stored whole changes nothing. MapInfo::voxel_points grows by the 0.4 m
-/// voxels of this run's scans in odometry poses; after a resume the voxels at the seam count twice.
-/// Counting stops where it would take more than about 600 MB. Throws Error{kCancelled} when
-/// stopped, and whatever the source, the store and the mapper throw.
+/// Reads a drive into a map, to which other sessions may be written at the same time. Every CELL is
+/// committed with its constraints and the poses it moved as one transaction, so that stopping
+/// anywhere leaves whole CELLs, and running again goes on after the last of them (its base scan is
+/// read again): the map is the same as that of an undisturbed run. A session that is stored whole
+/// changes nothing. Throws Error{kCancelled} when stopped, and whatever the source, the store and
+/// the mapper throw.
 void run_ingest(Maps& maps, const std::string& map, const IngestRequest& request,
                 ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks);
 

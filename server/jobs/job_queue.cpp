@@ -242,13 +242,6 @@ JobView JobQueue::wait(JobId id, std::uint64_t seen, std::chrono::milliseconds t
   return view(store_.job(id));
 }
 
-bool JobQueue::is_running(const std::string& map) const {
-  const std::lock_guard lock(mutex_);
-  return std::ranges::any_of(live_, [&](const auto& entry) {
-    return entry.second->record.map == map && entry.second->record.state == JobState::kRunning;
-  });
-}
-
 bool JobQueue::has_unfinished(const std::string& map) const {
   const std::lock_guard lock(mutex_);
   return std::ranges::any_of(live_,
@@ -260,15 +253,17 @@ void JobQueue::touch(LiveJob& job) {
   changed_.notify_all();
 }
 
-/// The oldest queued job whose map no other job writes to, or that only has to be ended. Under the
-/// mutex.
+/// The oldest queued job that may run, or that only has to be ended. Recorded drives enter a map
+/// one after the other, so that it does not depend on the weather; what robots send cannot wait.
+/// Under the mutex.
 std::shared_ptr<JobQueue::LiveJob> JobQueue::next_runnable() const {
   for (const auto& [id, job] : live_) {
     if (job->record.state != JobState::kQueued) continue;
-    const bool busy = std::ranges::any_of(live_, [&, &map = job->record.map](const auto& other) {
-      return other.second->record.map == map && other.second->record.state == JobState::kRunning;
+    const bool waits = !job->upload && std::ranges::any_of(live_, [&](const auto& other) {
+      return !other.second->upload && other.second->record.map == job->record.map &&
+             other.second->record.state == JobState::kRunning;
     });
-    if (!busy || job->cancel_asked) return job;
+    if (!waits || job->cancel_asked) return job;
   }
   return nullptr;
 }

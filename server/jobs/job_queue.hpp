@@ -25,7 +25,7 @@ namespace cellmap::server {
 
 struct JobQueueOptions {
   int threads = 1;                                ///< of one job's computations; 0: all
-  int workers = 4;                                ///< jobs that run at a time; uploads mostly wait
+  int workers = 16;                               ///< jobs that run at a time; uploads mostly wait
   std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused
   std::vector<std::filesystem::path> data_roots;  ///< canonical
   UploadOptions upload;
@@ -41,7 +41,8 @@ struct JobView {
   std::uint64_t version = 0;  ///< grows with every change while the job is unfinished
 };
 
-/// Runs ingest jobs, one a map at a time, in order. Jobs survive a restart: what was queued or
+/// Runs ingest jobs: drives that the server reads one a map at a time, in order; drives that robots
+/// send at once, side by side. Jobs survive a restart: what was queued or
 /// running is queued again by the constructor and goes on after its last stored CELL. Thread safe.
 /// Every method throws Error{kNotFound} for a job or a map that is not there.
 class JobQueue {
@@ -67,8 +68,6 @@ class JobQueue {
   /// time is up.
   JobView wait(JobId id, std::uint64_t seen, std::chrono::milliseconds timeout) const;
 
-  /// True while a job writes to the map.
-  bool is_running(const std::string& map) const;
   bool has_unfinished(const std::string& map) const;
 
   /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers

@@ -30,7 +30,7 @@ double ape(const BuiltMap& map, const std::vector<Pose>& truth) {
 BuiltMap build(const MapperOptions& options) {
   BuiltMap map;
   const auto source = TownDrive().open();
-  Mapper mapper(options, "drive", map.lattice, {}, map.provider());
+  Mapper mapper(options, "drive", map.lattice, {}, map.access());
   build_map(*source, mapper, [&](CellUpdate&& update) { map.add(std::move(update)); });
   return map;
 }
@@ -113,7 +113,7 @@ TEST_F(MapperOnATownDrive, AResumedDriveEndsAsAnUndisturbedOne) {
   const CellUpdate last = resumed.updates.back();
   const auto source = TownDrive().open();
   Mapper mapper(test::quick_mapper_options(), "drive", resumed.lattice, resumed.graph,
-                resumed.provider());
+                resumed.access());
   source->seek(last.cell->first_scan);
   mapper.resume_after(last.id, last.cell, *source->next());
   source->seek(last.cell->first_scan + last.cell->scan_count);
@@ -142,7 +142,7 @@ TEST(Mapper, RefusesToResumeFromAnotherScan) {
   scan.index = 6;
   PoseGraph graph;
   graph.nodes[{1}] = Pose::Identity();
-  Mapper mapper({}, "drive", map.lattice, graph, map.provider());
+  Mapper mapper({}, "drive", map.lattice, graph, map.access());
   test::expect_error(
       ErrorCode::kInvalidArgument, [&] { mapper.resume_after({1}, cell, scan); }, "scan 7",
       "scan 6");
@@ -151,7 +151,7 @@ TEST(Mapper, RefusesToResumeFromAnotherScan) {
 TEST(Mapper, AStopRequestEndsTheBuildAsCancelled) {
   BuiltMap map;
   const auto source = TownDrive{.laps = 0.2}.open();
-  Mapper mapper(test::quick_mapper_options(), "drive", map.lattice, {}, map.provider());
+  Mapper mapper(test::quick_mapper_options(), "drive", map.lattice, {}, map.access());
   std::stop_source stop;
   std::size_t scans = 0;
   test::expect_error(
@@ -170,7 +170,7 @@ TEST(Mapper, AStopRequestEndsTheBuildAsCancelled) {
 
 TEST(Mapper, ADriveOfNoScansHasNoCell) {
   BuiltMap map;
-  Mapper mapper({}, "drive", map.lattice, {}, map.provider());
+  Mapper mapper({}, "drive", map.lattice, {}, map.access());
   EXPECT_FALSE(mapper.finish().has_value());
 }
 

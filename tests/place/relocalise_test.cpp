@@ -25,7 +25,7 @@ class RelocalisationInATown : public testing::Test {
     MapperOptions options = test::quick_mapper_options();
     options.bidirectional = options.loop_closures = false;
     const auto source = TownDrive{.laps = 0.9, .drift_deg_per_m = 0, .stretch = 1}.open();
-    Mapper mapper(options, "drive", map_->lattice, {}, map_->provider());
+    Mapper mapper(options, "drive", map_->lattice, {}, map_->access());
     build_map(*source, mapper, [&](CellUpdate&& update) {
       index_->add(update.id, *update.cell, *map_->lattice);
       map_->add(std::move(update));

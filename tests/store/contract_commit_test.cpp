@@ -45,7 +45,7 @@ TEST_P(StoreContract, CommittingTheSameCellAgainChangesNothing) {
   store_->create_map("town", {});
   MapUpdate update = adding({make_cell(1), make_cell(2)});
   update.add_constraints = {make_constraint(1, 2)};
-  update.voxel_points = 5;
+  update.cells[0].voxel_points = 5;
   const CommitResult first = store_->commit("town", update);
   const CommitResult second = store_->commit("town", update);
   EXPECT_EQ(second.revision, first.revision);

@@ -144,15 +144,5 @@ TEST_P(StoreContract, MapsHaveRevisionsAndNumbersOfTheirOwn) {
       ErrorCode::kNotFound, [&] { store_->commit("other", removal); }, "no constraint");
 }
 
-TEST_P(StoreContract, ANewVoxelCountIsARevision) {
-  store_->create_map("town", {});
-  MapUpdate update;
-  update.voxel_points = 9;
-  EXPECT_EQ(store_->commit("town", update).revision, 1u);
-  EXPECT_EQ(store_->map("town").voxel_points, 9u);
-  EXPECT_EQ(store_->commit("town", {}).revision, 1u);
-  EXPECT_EQ(store_->map("town").voxel_points, 9u);
-}
-
 }  // namespace
 }  // namespace cellmap::test

@@ -95,7 +95,8 @@ TEST_P(StoreContract, TheSummaryCountsWhatTheMapHolds) {
   MapUpdate update =
       adding({make_cell(1, pose_at(-5, 2, 1)), make_cell(2, pose_at(7, -3, 4), "other")});
   update.add_constraints = {make_constraint(1, 2)};
-  update.voxel_points = 77;
+  update.cells[0].voxel_points = 70;
+  update.cells[1].voxel_points = 7;
   store_->commit("town", update);
   const MapInfo map = store_->map("town");
   EXPECT_EQ(map.revision, 1u);

@@ -89,6 +89,15 @@ struct BuiltMap {
   TargetProvider provider() const {
     return [this](CellId id) { return targets.at(id); };
   }
+  MapAccess access() const {
+    return {provider(), [this](const PoseGraph& wanted) {
+              auto index = std::make_shared<PlaceIndex>();
+              for (const auto& [id, pose] : wanted.nodes) {
+                index->add(id, targets.at(id)->cell(), *lattice);
+              }
+              return index;
+            }};
+  }
 };
 
 inline MapperOptions quick_mapper_options() {

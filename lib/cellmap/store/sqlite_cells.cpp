@@ -137,6 +137,7 @@ std::vector<CellRecord> cells_by_place(SqliteConnection& connection, std::int64_
     CellRecord cell = existing_cell(connection, map, key->id);
     if (cell.moved <= query.since) continue;
     if (query.session && cell.session != *query.session) continue;
+    if (query.other_frames.contains(cell.session)) continue;
     cells.push_back(std::move(cell));
   }
   return cells;

@@ -215,6 +215,22 @@ MapChanges read_changes(SqliteConnection& connection, const std::string& map, Re
   return changes;
 }
 
+std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::string& map) {
+  std::vector<SessionInfo> sessions;
+  Query rows(connection,
+             "SELECT session.name, robot, sensor, odometry_frame, started, COUNT(cell.id), "
+             "COALESCE(SUM(planes), 0), COALESCE(SUM(encoded_bytes), 0) FROM session "
+             "LEFT JOIN cell ON cell.map = session.map AND cell.session = session.name "
+             "WHERE session.map = ? GROUP BY session.name, robot, sensor, odometry_frame, started "
+             "ORDER BY session.name",
+             read_map_row(connection, map).key);
+  while (rows.next()) {
+    sessions.push_back({rows.text(0), rows.text(1), rows.text(2), rows.text(3), rows.integer(4),
+                        rows.unsigned64(5), rows.unsigned64(6), rows.unsigned64(7)});
+  }
+  return sessions;
+}
+
 JobRecord read_job(SqliteConnection& connection, JobId id) {
   Query row(connection, select_job("WHERE id = ?"), id.value);
   if (!row.next()) {

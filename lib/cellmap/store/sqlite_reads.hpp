@@ -47,6 +47,9 @@ PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
                           std::optional<Revision> revision);
 MapChanges read_changes(SqliteConnection& connection, const std::string& map, Revision since);
 
+/// By name.
+std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::string& map);
+
 JobRecord read_job(SqliteConnection& connection, JobId id);
 /// By id.
 std::vector<JobRecord> read_jobs(SqliteConnection& connection,

@@ -135,8 +135,16 @@ CREATE TABLE job (
 CREATE INDEX job_by_map ON job (map, id);
 )sql";
 
+// Version 2: who drove a session.
+constexpr const char* kVersion2 = R"sql(
+ALTER TABLE session ADD COLUMN robot          TEXT    NOT NULL DEFAULT '';
+ALTER TABLE session ADD COLUMN sensor         TEXT    NOT NULL DEFAULT '';
+ALTER TABLE session ADD COLUMN odometry_frame TEXT    NOT NULL DEFAULT '';
+ALTER TABLE session ADD COLUMN started        INTEGER NOT NULL DEFAULT 0;  -- Unix time, ns
+)sql";
+
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.
-constexpr std::array kMigrations = {kVersion1};
+constexpr std::array kMigrations = {kVersion1, kVersion2};
 
 void apply_migration(SqliteConnection& connection, std::size_t version) {
   connection.execute("BEGIN IMMEDIATE");

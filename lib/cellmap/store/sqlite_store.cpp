@@ -110,6 +110,19 @@ class SqliteStore final : public Store {
     return result;
   }
 
+  SessionInfo create_session(const std::string& map, const SessionInfo& session) override {
+    validate(session);
+    write([&](SqliteConnection& c) { insert_session(c, map, session); });
+    for (SessionInfo& made : sessions(map)) {
+      if (made.name == session.name) return made;
+    }
+    throw Error(ErrorCode::kNotFound, "map " + map + " was deleted meanwhile");
+  }
+
+  std::vector<SessionInfo> sessions(const std::string& map) const override {
+    return readers_.read([&](SqliteConnection& c) { return read_sessions(c, map); });
+  }
+
   CellPage cells(const std::string& map, const CellQuery& query) const override {
     validate(query);
     return readers_.read(

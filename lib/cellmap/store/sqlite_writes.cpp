@@ -1,6 +1,7 @@
 #include "cellmap/store/sqlite_writes.hpp"
 
 #include <limits>
+#include <tuple>
 
 #include "cellmap/store/row_codec.hpp"
 #include "cellmap/store/sqlite_cells.hpp"
@@ -29,7 +30,6 @@ class Update {
   void move_cell(CellId id, const Pose& T_map_cell);
   void remove_constraint(ConstraintId id);
   ConstraintId add_constraint(const Constraint& constraint);
-  void set_voxel_points(std::uint64_t voxel_points);
   /// Writes the map's row; returns its revision.
   Revision finish();
 
@@ -71,6 +71,7 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
   info.stored_bytes += frame.size();
   info.scans += cell.scans.size();
   info.raw_points += cell.raw_points;
+  info.voxel_points += cell.voxel_points;
   changed_ = true;
 }
 
@@ -205,11 +206,6 @@ ConstraintId Update::add_constraint(const Constraint& constraint) {
   return id;
 }
 
-void Update::set_voxel_points(std::uint64_t voxel_points) {
-  changed_ |= map_.info.voxel_points != voxel_points;
-  map_.info.voxel_points = voxel_points;
-}
-
 Revision Update::finish() {
   if (!changed_) return map_.info.revision;
   const MapInfo& info = map_.info;
@@ -262,6 +258,36 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
 }
 
+void insert_session(SqliteConnection& connection, const std::string& map,
+                    const SessionInfo& session) {
+  const std::int64_t key = read_map_row(connection, map).key;
+  {
+    Query row(
+        connection,
+        "SELECT robot, sensor, odometry_frame, started FROM session WHERE map = ? AND name = ?",
+        key, session.name);
+    if (row.next()) {
+      const auto there = std::tuple(row.text(0), row.text(1), row.text(2), row.integer(3));
+      const auto wanted =
+          std::tie(session.robot, session.sensor, session.odometry_frame, session.started);
+      if (there == wanted) return;
+      if (there != std::tuple(std::string(), std::string(), std::string(), std::int64_t{0})) {
+        throw Error(ErrorCode::kAlreadyExists,
+                    "map " + map + " has a session '" + session.name +
+                        "' with another robot, sensor, odometry frame or start; name this one "
+                        "otherwise");
+      }
+    }
+  }
+  Query(connection,
+        "INSERT INTO session (map, name, robot, sensor, odometry_frame, started) "
+        "VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (map, name) DO UPDATE SET robot = excluded.robot, "
+        "sensor = excluded.sensor, odometry_frame = excluded.odometry_frame, "
+        "started = excluded.started",
+        key, session.name, session.robot, session.sensor, session.odometry_frame, session.started)
+      .run();
+}
+
 CommitResult apply_update(SqliteConnection& connection, const std::string& map,
                           const MapUpdate& update, std::span<const Bytes> frames) {
   Update writer(connection, map);
@@ -278,7 +304,6 @@ CommitResult apply_update(SqliteConnection& connection, const std::string& map,
   for (const Constraint& constraint : update.add_constraints) {
     result.constraint_ids.push_back(writer.add_constraint(constraint));
   }
-  if (update.voxel_points) writer.set_voxel_points(*update.voxel_points);
   result.revision = writer.finish();
   return result;
 }

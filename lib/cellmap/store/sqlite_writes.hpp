@@ -15,6 +15,9 @@ void insert_map(SqliteConnection& connection, const std::string& name, const Lat
 /// Removes everything of a map, and the blobs that no other map uses.
 void remove_map(SqliteConnection& connection, const std::string& name);
 
+void insert_session(SqliteConnection& connection, const std::string& map,
+                    const SessionInfo& session);
+
 /// `frames[k]` is the zstd frame of `update.cells[k]`.
 CommitResult apply_update(SqliteConnection& connection, const std::string& map,
                           const MapUpdate& update, std::span<const Bytes> frames);

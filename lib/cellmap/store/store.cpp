@@ -46,6 +46,21 @@ JobState job_state_from_string(std::string_view name) {
               "job state: expected queued, running, succeeded, failed or cancelled");
 }
 
+MapUpdate to_map_update(CellUpdate update) {
+  MapUpdate result;
+  result.cells.push_back({.id = update.id,
+                          .cell = update.cell,
+                          .encoded = encode_cell(*update.cell),
+                          .T_map_cell = update.poses.at(update.id),
+                          .scans = std::move(update.scans),
+                          .raw_points = update.raw_points,
+                          .voxel_points = update.voxel_points});
+  result.poses = std::move(update.poses);
+  result.poses.erase(update.id);
+  result.add_constraints = std::move(update.constraints);
+  return result;
+}
+
 void validate_map_name(const std::string& name) {
   const bool valid =
       !name.empty() && name.size() <= kMaxMapNameLength && is_lower_or_digit(name.front()) &&

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,7 @@
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/core/hash.hpp"
 #include "cellmap/core/id.hpp"
+#include "cellmap/pipeline/back_end.hpp"
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
@@ -39,6 +41,18 @@ struct MapInfo {
   std::vector<std::string> sessions;
 };
 
+/// One drive of one robot into a map.
+struct SessionInfo {
+  std::string name;            ///< 1 to 64 characters [A-Za-z0-9._-], unique in the map
+  std::string robot;           ///< who drove; up to 64 printable characters, as are the next two
+  std::string sensor;          ///< for example "OS1-64"
+  std::string odometry_frame;  ///< for example "robot7/odom"
+  Stamp started = 0;           ///< Unix time; 0: not said
+  std::uint64_t cells = 0;     ///< counted by the store, as are the next two
+  std::uint64_t planes = 0;
+  std::uint64_t encoded_bytes = 0;
+};
+
 /// What a store knows of a CELL without touching its bytes.
 struct CellRecord {
   CellId id;
@@ -59,6 +73,8 @@ struct CellQuery {
   double radius_m = 0;
   std::optional<Eigen::AlignedBox3d> box;
   std::optional<std::string> session;
+  /// A search by place leaves these out: their poses are in another frame (map/islands.hpp).
+  std::set<std::string> other_frames;
   Revision since = 0;        ///< only CELLs added or moved after this revision
   std::size_t limit = 1000;  ///< 1 to 10,000
   /// `next_cursor` of the page before, of the same query on the same map (the limit may differ);
@@ -82,6 +98,7 @@ struct NewCell {
   Pose T_map_cell = Pose::Identity();
   std::vector<ScanInCell> scans;  ///< its stretch of the trajectory; may be empty
   std::uint64_t raw_points = 0;
+  std::uint64_t voxel_points = 0;  ///< 0.4 m voxels that the drive hit here first
 };
 
 /// Any change to a map: one transaction, one new revision. Carried out in the order of the fields,
@@ -96,10 +113,12 @@ struct MapUpdate {
   /// that an update whose answer was lost can be sent again.
   std::vector<Constraint> add_constraints;
   std::vector<ConstraintId> remove_constraints;
-  std::optional<std::uint64_t> voxel_points;  ///< replaces MapInfo::voxel_points
   /// Where set and not the map's revision: Error{kPreconditionFailed}, nothing changes.
   std::optional<Revision> expected_revision;
 };
+
+/// The update that commits what the pipeline made of one CELL.
+MapUpdate to_map_update(CellUpdate update);
 
 struct CommitResult {
   Revision revision = 0;                     ///< unchanged where the update changed nothing
@@ -170,6 +189,12 @@ class Store {
                                           std::size_t count) const = 0;
   /// The zstd frame of the encoded CELL, as it was written (checksum verified).
   virtual std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const = 0;
+  /// Makes a session without CELLs; one that is there already, described alike, is left alone, and
+  /// one without a description (its CELLs made it) takes this one. Error{kAlreadyExists} where it
+  /// is described otherwise.
+  virtual SessionInfo create_session(const std::string& map, const SessionInfo& session) = 0;
+  /// By name. A session is also made by its first CELL, without a description.
+  virtual std::vector<SessionInfo> sessions(const std::string& map) const = 0;
   /// Last CELL of a session (highest sequence), or nullopt.
   virtual std::optional<CellRecord> last_cell(const std::string& map,
                                               const std::string& session) const = 0;

@@ -64,6 +64,7 @@ void check_new_cell(const NewCell& cell) {
   if (cell.encoded.bytes.empty()) invalid(name + ": its encoded bytes are missing");
   check_size("bytes of an encoded CELL", cell.encoded.bytes.size(), kMaxCellBytes);
   check_count("raw_points", cell.raw_points);
+  check_count("voxel_points", cell.voxel_points);
   check_size("scans of a CELL", cell.scans.size(), Limits::kMaxScansPerCell);
   for (const ScanInCell& scan : cell.scans) check_pose(name + ": T_cell_scan", scan.T_cell_scan);
 }
@@ -134,7 +135,6 @@ void validate(const MapUpdate& update) {
       invalid("constraint " + std::to_string(id.value) + " is removed twice in one update");
     }
   }
-  if (update.voxel_points) check_count("voxel_points", *update.voxel_points);
 }
 
 void validate(const CellQuery& query) {
@@ -157,6 +157,18 @@ void validate(const CellQuery& query) {
     }
   }
   if (query.session) check_session(*query.session);
+}
+
+void validate(const SessionInfo& session) {
+  check_session(session.name);
+  for (const auto& [what, text] :
+       {std::pair("robot", &session.robot), std::pair("sensor", &session.sensor),
+        std::pair("odometry_frame", &session.odometry_frame)}) {
+    const bool valid = text->size() <= 64 &&
+                       std::ranges::all_of(*text, [](char c) { return c >= ' ' && c <= '~'; });
+    if (!valid) invalid(std::string(what) + ": expected up to 64 printable ASCII characters");
+  }
+  if (session.started < 0) invalid("started: expected nanoseconds since 1970, or 0");
 }
 
 void validate(const JobRecord& job) {

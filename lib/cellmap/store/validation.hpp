@@ -22,6 +22,7 @@ struct StoreLimits {
 void validate(const MapUpdate& update);
 void validate(const CellQuery& query);
 void validate(const JobRecord& job);
+void validate(const SessionInfo& session);
 void validate_position(const Eigen::Vector3d& position);
 
 /// True for a rigid pose with a position inside StoreLimits::kMaxCoordinateM.

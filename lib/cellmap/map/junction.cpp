@@ -1,0 +1,129 @@
+#include "cellmap/map/junction.hpp"
+
+#include <numbers>
+#include <queue>
+#include <string>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/core/error.hpp"
+#include "cellmap/map/islands.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+
+void require(bool holds, const char* rule) {
+  if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("a junction needs ") + rule);
+}
+
+struct Neighbour {
+  CellId cell;
+  double path_m;  ///< along the constraints
+};
+
+/// The CELLs nearest to `query` along the constraints, nearest first.
+std::vector<Neighbour> nearest_along(const PoseGraph& graph, CellId query, std::size_t count) {
+  std::map<CellId, std::vector<Neighbour>> adjacent;
+  for (const Constraint& c : graph.constraints) {
+    const double length = c.T_from_to.translation().norm();
+    adjacent[c.from].push_back({c.to, length});
+    adjacent[c.to].push_back({c.from, length});
+  }
+  using Entry = std::pair<double, CellId>;
+  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
+  std::map<CellId, double> done;
+  std::vector<Neighbour> nearest;
+  for (open.push({0.0, query}); !open.empty() && nearest.size() < count;) {
+    const auto [path_m, cell] = open.top();
+    open.pop();
+    if (!done.emplace(cell, path_m).second) continue;
+    if (cell != query) nearest.push_back({cell, path_m});
+    for (const Neighbour& next : adjacent[cell]) open.push({path_m + next.path_m, next.cell});
+  }
+  return nearest;
+}
+
+std::optional<LoopCandidate> nearest_in(const Islands& islands, CellId island,
+                                        const PoseGraph& graph, const Pose& T_island_query,
+                                        double max_distance_m) {
+  std::optional<LoopCandidate> nearest;
+  for (const auto& [id, pose] : graph.nodes) {
+    const double distance = (pose.translation() - T_island_query.translation()).norm();
+    if (distance > (nearest ? nearest->distance_m : max_distance_m)) continue;
+    if (islands.of(id) != island) continue;
+    nearest = LoopCandidate{id, pose.inverse() * T_island_query, distance};
+  }
+  return nearest;
+}
+
+}  // namespace
+
+void JunctionOptions::validate() const {
+  relocalise.validate();
+  confirm.validate();
+  require(confirmations <= neighbours, "confirmations <= neighbours");
+  require(neighbours <= 1000, "neighbours <= 1000");
+  require(max_distance_m > 0 && max_distance_m <= 1000, "0 < max_distance_m <= 1000");
+  require(max_difference_m > 0, "max_difference_m > 0");
+  require(max_difference_deg > 0, "max_difference_deg > 0");
+}
+
+std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
+                                      const PointCloud& query_scan, const PlaceProvider& places,
+                                      const TargetProvider& targets,
+                                      const JunctionOptions& options) {
+  options.validate();
+  const Islands islands(graph);
+  if (islands.count() < 2) return std::nullopt;
+  Junction junction;
+  junction.island = islands.of(query);
+  const auto neighbours = nearest_along(graph, query, options.neighbours);
+  if (neighbours.size() < options.confirmations) return std::nullopt;
+
+  const PoseGraph elsewhere = islands.without(junction.island, graph);
+  const RelocalisationAnswer answer = places(elsewhere)->relocalise(
+      query_scan, elsewhere, targets, std::nullopt, options.relocalise);
+  if (!answer.found) return std::nullopt;
+  junction.other = islands.of(answer.found->cell);
+  junction.T_other_island = answer.found->T_map_scan * graph.nodes.at(query).inverse();
+  junction.closures.push_back({answer.found->cell, query, answer.found->registration});
+
+  for (const Neighbour& neighbour : neighbours) {
+    if (junction.closures.size() > options.confirmations) break;
+    auto guess = nearest_in(islands, junction.other, graph,
+                            junction.T_other_island * graph.nodes.at(neighbour.cell),
+                            options.max_distance_m);
+    if (!guess) continue;
+    guess->path_m = neighbour.path_m;
+    const auto target = targets(neighbour.cell);
+    const PointCloud points = reconstruct_points(target->cell(), target->lattice());
+    auto closure = verify_loop(*targets(guess->cell), *target, points, *guess, neighbour.cell,
+                               options.confirm);
+    if (!closure) continue;
+    const Pose& T_measured = closure->result.T_target_source;
+    const Pose difference = guess->T_candidate_query.inverse() * T_measured;
+    if (difference.translation().norm() >
+            options.max_difference_m + options.confirm.drift_m_per_m * neighbour.path_m ||
+        angle_between_rad(guess->T_candidate_query, T_measured) >
+            kRadPerDeg *
+                (options.max_difference_deg + options.confirm.drift_deg_per_m * neighbour.path_m)) {
+      continue;
+    }
+    junction.closures.push_back(std::move(*closure));
+  }
+  if (junction.closures.size() <= options.confirmations) return std::nullopt;
+  return junction;
+}
+
+void bring_together(PoseGraph& graph, const Junction& junction) {
+  const bool other_stays = junction.other < junction.island;
+  const CellId moving = other_stays ? junction.island : junction.other;
+  const Pose T = other_stays ? junction.T_other_island : junction.T_other_island.inverse();
+  const Islands islands(graph);
+  for (auto& [id, pose] : graph.nodes) {
+    if (islands.of(id) == moving) pose = T * pose;
+  }
+}
+
+}  // namespace cellmap

@@ -1,0 +1,153 @@
+#include "cellmap/pipeline/back_end.hpp"
+
+#include <algorithm>
+#include <numbers>
+
+#include "cellmap/map/islands.hpp"
+#include "cellmap/map/junction.hpp"
+#include "cellmap/place/pose_search.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+
+PoseSigma odometry_sigma(const OdometryModel& model, double distance_m) {
+  return {std::max(model.least_sigma_m, model.sigma_m_per_m * distance_m),
+          kRadPerDeg * std::max(model.least_sigma_deg, model.sigma_deg_per_m * distance_m)};
+}
+
+/// The constraint that odometry gives two neighbours.
+Constraint odometry_constraint(const Cell& previous, const Cell& next, const OdometryModel& model) {
+  Constraint constraint;
+  constraint.kind = ConstraintKind::kOdometry;
+  constraint.T_from_to = previous.T_odom_cell.inverse() * next.T_odom_cell;
+  const double distance = constraint.T_from_to.translation().norm();
+  constraint.information = information_of(odometry_sigma(model, distance), constraint.T_from_to);
+  return constraint;
+}
+
+/// The most likely pose given two measurements of it: where registration is weak (along a straight
+/// road), odometry decides, and the information says how well.
+void fuse(const RegistrationResult& registration, const PoseSigma& floor, Constraint& constraint) {
+  const Pose& T_registered = registration.T_target_source;
+  const Matrix6d measured = realistic_information(registration.information, T_registered, floor);
+  const Matrix6d sum = measured + constraint.information;
+  const Tangent to_odometry = log(constraint.T_from_to * T_registered.inverse());
+  const Tangent step = sum.ldlt().solve(constraint.information * to_odometry);
+  constraint.T_from_to = exp(step) * T_registered;
+  constraint.information = 0.5 * (sum + sum.transpose());
+  constraint.kind = ConstraintKind::kBidirectional;
+  constraint.scores = registration.scores;
+}
+
+/// Poses of `after` that are not those of `before`.
+std::map<CellId, Pose> changed_poses(const std::map<CellId, Pose>& before,
+                                     const std::map<CellId, Pose>& after) {
+  std::map<CellId, Pose> changed;
+  for (const auto& [id, T] : after) {
+    const auto old = before.find(id);
+    if (old == before.end() || old->second.matrix() != T.matrix()) changed.emplace(id, T);
+  }
+  return changed;
+}
+
+void append(std::vector<Constraint>& all, const std::vector<Constraint>& some) {
+  all.insert(all.end(), some.begin(), some.end());
+}
+
+}  // namespace
+
+BackEnd::BackEnd(MapperOptions options, MapAccess access)
+    : options_(std::move(options)), access_(std::move(access)) {
+  options_.validate();
+}
+
+void BackEnd::resume_after(CellId id, FinishedCell last) {
+  previous_ = Neighbour{id, std::move(last)};
+}
+
+CellUpdate BackEnd::integrate(FinishedCell finished, PoseGraph& graph) {
+  const std::map<CellId, Pose> before = graph.nodes;
+  Neighbour next{{before.empty() ? 1u : before.rbegin()->first.value + 1u}, std::move(finished)};
+  CellUpdate update;
+  update.id = next.id;
+  update.cell = std::shared_ptr<const Cell>(next.cell.target, &next.cell.cell());
+  update.scans = next.cell.scans;
+  update.raw_points = next.cell.raw_points;
+  update.voxel_points = next.cell.voxel_points;
+  update.constraints = tie_to_previous(next.id, next.cell);
+  graph.nodes[next.id] = update.constraints.empty()
+                             ? next.cell.cell().T_odom_cell
+                             : graph.nodes.at(previous_->id) * update.constraints[0].T_from_to;
+  append(graph.constraints, update.constraints);
+
+  std::vector<Constraint> closures = join_islands(next, graph);
+  append(graph.constraints, closures);
+  const std::vector<Constraint> loops = close_loops(next, graph);
+  append(graph.constraints, loops);
+  append(closures, loops);
+  // Without a closure the new one follows its neighbour exactly.
+  if (!closures.empty()) optimize(graph, options_.pose_graph);
+  append(update.constraints, closures);
+  update.poses = changed_poses(before, graph.nodes);
+  previous_ = std::move(next);
+  return update;
+}
+
+std::vector<Constraint> BackEnd::tie_to_previous(CellId id, const FinishedCell& next) const {
+  if (!previous_) return {};
+  const FinishedCell& previous = previous_->cell;
+  Constraint constraint = odometry_constraint(previous.cell(), next.cell(), options_.odometry);
+  constraint.from = previous_->id;
+  constraint.to = id;
+  if (options_.bidirectional) {
+    const RegistrationResult result =
+        register_cells(*previous.target, thinned(previous.points, options_.registration_points),
+                       *next.target, thinned(next.points, options_.registration_points),
+                       constraint.T_from_to, options_.registration);
+    if (is_believable(result, constraint.T_from_to))
+      fuse(result, options_.registration_floor, constraint);
+  }
+  return {constraint};
+}
+
+bool BackEnd::is_believable(const RegistrationResult& result, const Pose& T_odometry) const {
+  const Pose& T = result.T_target_source;
+  return is_acceptable(result, options_.acceptance) &&
+         (T.translation() - T_odometry.translation()).norm() <= options_.max_correction_m &&
+         angle_between_rad(T, T_odometry) <= options_.max_correction_deg * kRadPerDeg;
+}
+
+TargetProvider BackEnd::targets_with(const Neighbour& next) const {
+  return
+      [this, &next](CellId id) { return id == next.id ? next.cell.target : access_.targets(id); };
+}
+
+std::vector<Constraint> BackEnd::close_loops(const Neighbour& next, const PoseGraph& graph) const {
+  std::vector<Constraint> loops;
+  if (!options_.loop_closures) return loops;
+  for (const LoopClosure& closure :
+       detect_loops(graph, next.id, next.cell.points, targets_with(next), options_.loops)) {
+    const bool is_known = std::ranges::any_of(graph.constraints, [&](const Constraint& c) {
+      return c.from == closure.from && c.to == closure.to;
+    });
+    if (!is_known) loops.push_back(to_constraint(closure, ConstraintOrigin::kMapper));
+  }
+  return loops;
+}
+
+std::vector<Constraint> BackEnd::join_islands(const Neighbour& next, PoseGraph& graph) const {
+  if (!options_.junctions || !access_.places) return {};
+  const auto junction = find_junction(graph, next.id, next.cell.points, access_.places,
+                                      targets_with(next), options_.junction);
+  if (!junction) return {};
+  bring_together(graph, *junction);
+  std::vector<Constraint> closures;
+  for (const LoopClosure& closure : junction->closures) {
+    closures.push_back(to_constraint(closure, ConstraintOrigin::kMapper));
+  }
+  return closures;
+}
+
+}  // namespace cellmap

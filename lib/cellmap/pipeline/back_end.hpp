@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "cellmap/map/junction.hpp"
+#include "cellmap/pipeline/front_end.hpp"
+#include "cellmap/pipeline/mapper_options.hpp"
+#include "cellmap/place/loop_detection.hpp"
+#include "cellmap/pose_graph/pose_graph.hpp"
+
+namespace cellmap {
+
+/// Everything that one finished CELL changes in a map; a store commits it as one transaction.
+struct CellUpdate {
+  CellId id;
+  std::shared_ptr<const Cell> cell;
+  std::vector<ScanInCell> scans;        ///< the cell's stretch of the trajectory
+  std::vector<Constraint> constraints;  ///< new, unnumbered
+  std::map<CellId, Pose> poses;         ///< T_map_cell: of the new CELL and of all that moved
+  std::uint64_t raw_points = 0;         ///< points of its scans before filtering
+  std::uint64_t voxel_points = 0;       ///< FinishedCell::voxel_points
+};
+
+/// What the back end reads of the map: it knows every CELL of the graphs that are handed in.
+struct MapAccess {
+  TargetProvider targets;
+  PlaceProvider places = {};  ///< may be empty: islands are not joined then
+};
+
+/// CELLs of one session into a map (paper, Sec. III-C and D): each is tied to the one before it and
+/// to earlier visits, its session joins the rest of the map where the two meet, and the graph is
+/// made consistent. The map may change between two CELLs, so it is handed in each time: several
+/// sessions may write to one map in turns. One owner.
+class BackEnd {
+ public:
+  BackEnd(MapperOptions options, MapAccess access);
+
+  /// Continues a session after its last CELL in the map.
+  void resume_after(CellId id, FinishedCell last);
+
+  /// Adds the next CELL of the session to the graph and makes it consistent. Its id is the highest
+  /// of the graph plus 1. The first CELL of a session starts an island at its odometry pose.
+  CellUpdate integrate(FinishedCell next, PoseGraph& graph);
+
+ private:
+  struct Neighbour {
+    CellId id;
+    FinishedCell cell;
+  };
+
+  std::vector<Constraint> tie_to_previous(CellId id, const FinishedCell& next) const;
+  bool is_believable(const RegistrationResult& result, const Pose& T_odometry) const;
+  std::vector<Constraint> close_loops(const Neighbour& next, const PoseGraph& graph) const;
+  std::vector<Constraint> join_islands(const Neighbour& next, PoseGraph& graph) const;
+  TargetProvider targets_with(const Neighbour& next) const;
+
+  MapperOptions options_;
+  MapAccess access_;
+  std::optional<Neighbour> previous_;
+};
+
+}  // namespace cellmap
