@@ -74,6 +74,7 @@ void add_cell_batch_route(Router& router, Services& services);
 void add_pose_graph_routes(Router& router, Services& services);
 void add_relocalise_route(Router& router, Services& services);
 void add_loop_routes(Router& router, Services& services);
+void add_session_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);
 
 }  // namespace cellmap::server

@@ -235,11 +235,18 @@ Json nodes_to_json(const std::map<CellId, Pose>& poses) {
   return json;
 }
 
+Json ids_to_json(const std::set<CellId>& ids) {
+  Json list = Json::array();
+  for (const CellId id : ids) list.push_back(id.value);
+  return list;
+}
+
 Json to_json(const PoseGraph& graph) {
   Json constraints = Json::array();
   for (const auto& constraint : graph.constraints) constraints.push_back(to_json(constraint));
   return {{"revision", graph.revision},
           {"nodes", nodes_to_json(graph.nodes)},
+          {"unaligned", ids_to_json(graph.unaligned)},
           {"constraints", std::move(constraints)}};
 }
 

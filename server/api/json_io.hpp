@@ -64,6 +64,7 @@ Json to_json(const LatticeSpec& lattice);
 Json to_json(const MapInfo& map);
 Json to_json(const CellRecord& cell);
 Json to_json(const PoseGraph& graph);
+Json ids_to_json(const std::set<CellId>& ids);
 Json nodes_to_json(const std::map<CellId, Pose>& poses);
 
 /// Throws Error{kInvalidArgument} or {kUnsupported}.

@@ -1,10 +1,13 @@
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/map/junction.hpp"
 #include "cellmap/place/loop_detection.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "server/api/api.hpp"
 
@@ -93,6 +96,18 @@ std::vector<Constraint> detect(const Services& services,
   return found;
 }
 
+/// A loop that somebody measured between two islands says where they lie to one another.
+void bring_together(PoseGraph& graph, const Constraint& loop) {
+  const Islands islands(graph);
+  Junction junction;
+  junction.other = islands.of(loop.from);
+  junction.island = islands.of(loop.to);
+  if (junction.other == junction.island) return;
+  junction.T_other_island =
+      graph.nodes.at(loop.from) * loop.T_from_to * graph.nodes.at(loop.to).inverse();
+  bring_together(graph, junction);
+}
+
 struct Optimised {
   MapUpdate update;  ///< the poses that moved
   PoseGraphSummary summary;
@@ -104,6 +119,8 @@ Optimised optimised(const Services& services, const PoseGraph& before, PoseGraph
   options.threads = services.options.threads;
   Optimised result;
   result.summary = optimize(after, options);
+  std::ranges::set_difference(before.unaligned, after.unaligned,
+                              std::inserter(result.update.aligned, result.update.aligned.end()));
   for (const auto& [id, pose] : after.nodes) {
     if (!(pose.matrix() == before.nodes.at(id).matrix())) result.update.poses.emplace(id, pose);
   }
@@ -138,6 +155,7 @@ Response add(Services& services, const Call& call) {
     loops.push_back(request.measured);
   }
   PoseGraph changed = *graph;
+  for (const Constraint& loop : loops) bring_together(changed, loop);
   changed.constraints.insert(changed.constraints.end(), loops.begin(), loops.end());
   Optimised result = optimised(services, *graph, std::move(changed));
   result.update.add_constraints = loops;

@@ -61,6 +61,7 @@ Response changes(Services& services, const Call& call) {
                         {"added", std::move(added)},
                         {"moved", nodes_to_json(changes.moved)},
                         {"removed", Json::array()},
+                        {"unaligned", ids_to_json(changes.unaligned)},
                         {"added_constraints", std::move(constraints)},
                         {"removed_constraints", std::move(removed)}});
 }

@@ -92,6 +92,17 @@ Json to_document(const Services& services, const std::string& map,
   return json;
 }
 
+/// The graph without what is not in the map frame yet, which cannot answer.
+std::shared_ptr<const PoseGraph> aligned(std::shared_ptr<const PoseGraph> graph) {
+  if (graph->unaligned.empty()) return graph;
+  PoseGraph rest;
+  rest.revision = graph->revision;
+  for (const auto& [id, pose] : graph->nodes) {
+    if (!graph->unaligned.contains(id)) rest.nodes.emplace_hint(rest.nodes.end(), id, pose);
+  }
+  return std::make_shared<const PoseGraph>(std::move(rest));
+}
+
 Response relocalise(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const auto prior = read_prior(call);
@@ -99,7 +110,7 @@ Response relocalise(Services& services, const Call& call) {
   const Turn turn(services);
   const auto start = std::chrono::steady_clock::now();
   const auto index = state->place_index(*state->graph());
-  const auto graph = state->graph();  // again: every CELL of the index has a pose in it
+  const auto graph = aligned(state->graph());  // again: every CELL of the index has a pose in it
   RelocaliseOptions options;
   options.threads = services.options.threads;
   options.registration.threads = services.options.threads;

@@ -79,11 +79,13 @@ class Ingest {
 
 }  // namespace
 
-CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell) {
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
+                    std::optional<EncodedCell> encoded) {
   PoseGraph graph = *state.graph();
   const std::size_t known = graph.constraints.size();
-  const CommitResult result =
-      store.commit(state.name(), to_map_update(back_end.integrate(std::move(cell), graph)));
+  MapUpdate update = to_map_update(back_end.integrate(std::move(cell), graph));
+  if (encoded) update.cells.front().encoded = *std::move(encoded);
+  const CommitResult result = store.commit(state.name(), update);
   for (std::size_t i = 0; i < result.constraint_ids.size(); ++i) {
     graph.constraints[known + i].id = result.constraint_ids[i];
   }

@@ -24,8 +24,10 @@ struct ResumePoint {
 std::optional<ResumePoint> find_resume_point(const Store& store, const std::string& map,
                                              const std::string& session);
 
-/// Ties a finished CELL to the map as it stands and commits it. The caller holds `state.writer()`.
-CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell);
+/// Ties a finished CELL to the map as it stands and commits it, as `encoded` where it came from
+/// outside. The caller holds `state.writer()`.
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
+                    std::optional<EncodedCell> encoded = {});
 
 struct IngestHooks {
   ProgressCallback progress;   ///< after every scan

@@ -4,7 +4,7 @@
 
 #include <set>
 
-#include "cellmap/map/islands.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "support/town_drive.hpp"
 

@@ -67,6 +67,9 @@ std::string map_path(const std::string& map) { return "/v1/maps/" + percent_enco
 std::string cell_path(const std::string& map, CellId id) {
   return map_path(map) + "/cells/" + std::to_string(id.value);
 }
+std::string session_path(const std::string& map, const std::string& session) {
+  return map_path(map) + "/sessions/" + percent_encoded(session);
+}
 std::string job_path(JobId id) { return "/v1/jobs/" + std::to_string(id.value); }
 
 HttpRequest json_request(std::string method, std::string path, const Json& body) {
@@ -343,6 +346,52 @@ std::string Client::trajectory_text(const std::string& map, const std::string& s
   url.add("format", format == TrajectoryFormat::kKitti ? "kitti" : "tum");
   if (stage == TrajectoryStage::kOdometry) url.add("stage", "odometry");
   return impl_->get_text(map_path(map) + "/trajectory" + url.text());
+}
+
+std::vector<Session> Client::sessions(const std::string& map) {
+  const Json json = impl_->get_json(map_path(map) + "/sessions");
+  std::vector<Session> sessions;
+  for (const Json& session : client::member(json, "sessions")) {
+    sessions.push_back(client::session_from_json(session));
+  }
+  return sessions;
+}
+
+Session Client::session(const std::string& map, const std::string& name) {
+  return client::session_from_json(impl_->get_json(session_path(map, name)));
+}
+
+Session Client::create_session(const std::string& map, const SessionInfo& session) {
+  const Json body{{"name", session.name},
+                  {"robot", session.robot},
+                  {"sensor", session.sensor},
+                  {"odometry_frame", session.odometry_frame},
+                  {"started_ns", session.started}};
+  return client::session_from_json(
+      impl_->send_json(json_request("POST", map_path(map) + "/sessions", body)));
+}
+
+std::vector<ContentHash> Client::lacking_cells(const std::string& map, const std::string& session,
+                                               std::span<const ContentHash> hashes) {
+  Json list = Json::array();
+  for (const ContentHash& hash : hashes) list.push_back(to_hex(hash));
+  const Json answer = impl_->send_json(
+      json_request("POST", session_path(map, session) + "/cells:lacking", {{"hashes", list}}));
+  std::vector<ContentHash> lacking;
+  for (const Json& hash : client::member(answer, "lacking")) {
+    lacking.push_back(client::content_hash_from_json(hash));
+  }
+  return lacking;
+}
+
+SessionCell Client::put_session_cell(const std::string& map, const EncodedCell& cell) {
+  const std::string session = view_cell(cell.bytes).header.session;
+  HttpRequest request{"PUT", session_path(map, session) + "/cells/" + to_hex(cell.hash), {}, ""};
+  impl_->set_body(request, cell.bytes, kCellType);
+  const HttpResponse response = impl_->transport.perform(request);
+  SessionCell result = client::session_cell_from_json(client::parse_json(response.body));
+  result.created = response.status == 201;
+  return result;
 }
 
 Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan,

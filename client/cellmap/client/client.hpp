@@ -106,6 +106,20 @@ class Client {
                               TrajectoryFormat format,
                               TrajectoryStage stage = TrajectoryStage::kCorrected);
 
+  // --- sessions -------------------------------------------------------------------------------
+
+  std::vector<Session> sessions(const std::string& map);
+  Session session(const std::string& map, const std::string& name);
+  /// Says who drives; name, robot, sensor, odometry frame and start of `session` count. The same
+  /// again is no error; Error{kAlreadyExists} where it is described otherwise.
+  Session create_session(const std::string& map, const SessionInfo& session);
+  /// Which of these CELLs of a session the server lacks, in the order asked; at most 10,000.
+  std::vector<ContentHash> lacking_cells(const std::string& map, const std::string& session,
+                                         std::span<const ContentHash> hashes);
+  /// Adds the next CELL of a drive, which the server ties to the map. Idempotent;
+  /// Error{kConflict} for one that is not next.
+  SessionCell put_session_cell(const std::string& map, const EncodedCell& cell);
+
   // --- relocalisation and loops ---------------------------------------------------------------
 
   /// Where a scan (sensor frame) was taken. "Not found" is an answer, no error.

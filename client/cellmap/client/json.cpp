@@ -285,6 +285,36 @@ PutCellResult put_cell_result_from_json(const Json& json) {
   });
 }
 
+Session session_from_json(const Json& json) {
+  return decoded("session", [&] {
+    Session session;
+    session.name = json.at("name");
+    session.robot = json.at("robot");
+    session.sensor = json.at("sensor");
+    session.odometry_frame = json.at("odometry_frame");
+    if (!json.at("started").is_null()) session.started = stamp_from_rfc3339(json.at("started"));
+    session.aligned = json.at("aligned");
+    session.cells = count(json, "cells");
+    session.planes = count(json, "planes");
+    session.encoded_bytes = count(json, "encoded_bytes");
+    if (!json.at("last_cell").is_null()) session.last_cell = id<CellId>(json.at("last_cell"));
+    if (!json.at("T_map_odom").is_null()) {
+      session.T_map_odom = pose_from_json(json.at("T_map_odom"));
+    }
+    return session;
+  });
+}
+
+SessionCell session_cell_from_json(const Json& json) {
+  return decoded("CELL of a session", [&] {
+    return SessionCell{put_cell_result_from_json(json), json.at("aligned").get<bool>()};
+  });
+}
+
+ContentHash content_hash_from_json(const Json& json) {
+  return decoded("content hash", [&] { return content_hash_from_hex(json); });
+}
+
 Json to_json(const RegistrationScores& scores) {
   return {{"points", scores.points},
           {"hits", scores.hits},
@@ -351,6 +381,9 @@ Changes changes_from_json(const Json& json) {
       changes.moved[id<CellId>(moved.at("id"))] = pose_from_json(moved.at("pose"));
     }
     changes.removed = list_of<CellId>(json.at("removed"), id<CellId>);
+    for (const CellId cell : list_of<CellId>(json.value("unaligned", Json::array()), id<CellId>)) {
+      changes.unaligned.insert(cell);
+    }
     changes.added_constraints =
         list_of<Constraint>(json.at("added_constraints"), constraint_from_json);
     changes.removed_constraints =

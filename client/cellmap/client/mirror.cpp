@@ -96,6 +96,7 @@ void apply(const Changes& changes, Mirror& mirror) {
     mirror.cells.erase(id);
     graph.nodes.erase(id);
   }
+  graph.unaligned = changes.unaligned;
   graph.revision = mirror.revision = changes.revision;
 }
 

@@ -45,9 +45,21 @@ struct PutCellResult {
   bool created = false;  ///< false: the same CELL was there already
 };
 
+/// A drive in a map, and where it stands.
+struct Session : SessionInfo {
+  std::optional<CellId> last_cell;
+  std::optional<Pose> T_map_odom;  ///< at its last CELL; not set while it is not aligned
+};
+
+/// What `Client::put_session_cell` did.
+struct SessionCell : PutCellResult {
+  bool aligned = false;  ///< the session is in the map frame
+};
+
 /// What happened to a map after a revision, with what was removed from it.
 struct Changes : MapChanges {
   std::vector<CellId> removed;
+  std::set<CellId> unaligned;  ///< all that are not in the map frame now
 };
 
 /// Which poses of a drive: as the odometry gave them or after the back end.

@@ -69,6 +69,12 @@ void check_constraint(const Constraint& constraint, const PoseGraph& graph) {
 
 /// The rules of FORMAT.md, "Pose graph", that hold for a graph as a whole.
 void check_graph(const PoseGraph& graph) {
+  for (const CellId cell : graph.unaligned) {
+    if (!graph.nodes.contains(cell)) {
+      throw corrupt("the unaligned CELL " + std::to_string(cell.value) +
+                    " is no node of the graph");
+    }
+  }
   ConstraintId last;
   for (const Constraint& constraint : graph.constraints) {
     check_constraint(constraint, graph);
@@ -178,9 +184,15 @@ Bytes encode_pose_graph(const PoseGraph& graph) {
     constraints.push_back(constraint_to_wire(builder, constraint));
   }
   const auto wire_constraints = builder.CreateVector(constraints);
+  flatbuffers::Offset<flatbuffers::Vector<std::uint32_t>> wire_unaligned;
+  if (!graph.unaligned.empty()) {
+    std::vector<std::uint32_t> unaligned;
+    for (const CellId cell : graph.unaligned) unaligned.push_back(cell.value);
+    wire_unaligned = builder.CreateVector(unaligned);
+  }
   schema::FinishPoseGraphBuffer(
       builder, schema::CreatePoseGraph(builder, kFormatVersion, graph.revision, wire_nodes,
-                                       wire_constraints));
+                                       wire_constraints, wire_unaligned));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   return Bytes(begin, begin + builder.GetSize());
 }
@@ -195,6 +207,14 @@ PoseGraph decode_pose_graph(std::span<const std::byte> bytes) {
   graph.constraints.reserve(wire.constraints()->size());
   for (const schema::Constraint* constraint : *wire.constraints()) {
     graph.constraints.push_back(constraint_from_wire(*constraint));
+  }
+  if (wire.unaligned()) {
+    for (const std::uint32_t cell : *wire.unaligned()) {
+      if (!graph.unaligned.empty() && cell <= graph.unaligned.rbegin()->value) {
+        throw corrupt("the ids of unaligned CELLs do not increase");
+      }
+      graph.unaligned.insert(graph.unaligned.end(), CellId{cell});
+    }
   }
   check_graph(graph);
   return graph;

@@ -6,7 +6,7 @@
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/core/error.hpp"
-#include "cellmap/map/islands.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 
 namespace cellmap {
 namespace {
@@ -117,12 +117,14 @@ std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
 }
 
 void bring_together(PoseGraph& graph, const Junction& junction) {
-  const bool other_stays = junction.other < junction.island;
-  const CellId moving = other_stays ? junction.island : junction.other;
+  const bool island_is_aligned = !graph.unaligned.contains(junction.island);
+  const bool other_is_aligned = !graph.unaligned.contains(junction.other);
+  const bool other_stays =
+      island_is_aligned == other_is_aligned ? junction.other < junction.island : other_is_aligned;
   const Pose T = other_stays ? junction.T_other_island : junction.T_other_island.inverse();
-  const Islands islands(graph);
-  for (auto& [id, pose] : graph.nodes) {
-    if (islands.of(id) == moving) pose = T * pose;
+  for (const CellId id : Islands(graph).cells(other_stays ? junction.island : junction.other)) {
+    graph.nodes.at(id) = T * graph.nodes.at(id);
+    if (island_is_aligned || other_is_aligned) graph.unaligned.erase(id);
   }
 }
 

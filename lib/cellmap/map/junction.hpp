@@ -12,8 +12,8 @@
 
 namespace cellmap {
 
-/// What must come together before two islands become one (map/islands.hpp). A wrong junction would
-/// fold two places over each other, so one answer of place recognition, however sure, is not
+/// What must come together before two islands become one (pose_graph/islands.hpp). A wrong junction
+/// would fold two places over each other, so one answer of place recognition, however sure, is not
 /// enough: other CELLs of the island must be found where that answer says that they are.
 struct JunctionOptions {
   RelocaliseOptions relocalise;
@@ -50,7 +50,8 @@ std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
                                       const TargetProvider& targets,
                                       const JunctionOptions& options);
 
-/// Moves the island with the higher name into the frame of the other. Adds no constraint.
+/// Moves one island into the frame of the other: the unaligned one into the map frame, or of two
+/// unaligned ones that of the higher name. Adds no constraint.
 void bring_together(PoseGraph& graph, const Junction& junction);
 
 }  // namespace cellmap

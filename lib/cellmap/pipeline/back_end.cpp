@@ -1,11 +1,12 @@
 #include "cellmap/pipeline/back_end.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <numbers>
 
-#include "cellmap/map/islands.hpp"
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/pose_search.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 
 namespace cellmap {
 namespace {
@@ -81,6 +82,10 @@ CellUpdate BackEnd::integrate(FinishedCell finished, PoseGraph& graph) {
                              ? next.cell.cell().T_odom_cell
                              : graph.nodes.at(previous_->id) * update.constraints[0].T_from_to;
   append(graph.constraints, update.constraints);
+  const std::set<CellId> unaligned = graph.unaligned;
+  if (previous_ ? unaligned.contains(previous_->id) : !before.empty()) {
+    graph.unaligned.insert(next.id);
+  }
 
   std::vector<Constraint> closures = join_islands(next, graph);
   append(graph.constraints, closures);
@@ -91,6 +96,9 @@ CellUpdate BackEnd::integrate(FinishedCell finished, PoseGraph& graph) {
   if (!closures.empty()) optimize(graph, options_.pose_graph);
   append(update.constraints, closures);
   update.poses = changed_poses(before, graph.nodes);
+  update.unaligned = graph.unaligned.contains(next.id);
+  std::ranges::set_difference(unaligned, graph.unaligned,
+                              std::inserter(update.aligned, update.aligned.end()));
   previous_ = std::move(next);
   return update;
 }

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "cellmap/map/junction.hpp"
@@ -22,6 +23,8 @@ struct CellUpdate {
   std::vector<ScanInCell> scans;        ///< the cell's stretch of the trajectory
   std::vector<Constraint> constraints;  ///< new, unnumbered
   std::map<CellId, Pose> poses;         ///< T_map_cell: of the new CELL and of all that moved
+  bool unaligned = false;               ///< the new CELL is not in the map frame
+  std::set<CellId> aligned;             ///< CELLs that joined the map frame with this one
   std::uint64_t raw_points = 0;         ///< points of its scans before filtering
   std::uint64_t voxel_points = 0;       ///< FinishedCell::voxel_points
 };
@@ -44,7 +47,8 @@ class BackEnd {
   void resume_after(CellId id, FinishedCell last);
 
   /// Adds the next CELL of the session to the graph and makes it consistent. Its id is the highest
-  /// of the graph plus 1. The first CELL of a session starts an island at its odometry pose.
+  /// of the graph plus 1. The first CELL of a session in a map that is not empty starts an island
+  /// at its odometry pose.
   CellUpdate integrate(FinishedCell next, PoseGraph& graph);
 
  private:

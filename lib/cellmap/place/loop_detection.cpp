@@ -11,6 +11,7 @@
 #include "cellmap/core/parallel.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/pose_graph/information.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 
 namespace cellmap {
 namespace {
@@ -219,18 +220,23 @@ std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId q
     if (distance > options.max_distance_m || excluded.contains(id)) continue;
     found.push_back({id, T_map_cell.inverse() * own->second, distance});
   }
-  if (found.empty()) return found;
-  const auto lengths = path_lengths(adjacency, query);
-  std::erase_if(found, [&](LoopCandidate& candidate) {
-    const auto length = lengths.find(candidate.cell);
-    if (length == lengths.end()) return true;
-    candidate.path_m = length->second;
-    return false;
-  });
+  if (!graph.unaligned.empty()) {
+    const Islands islands(graph);
+    std::erase_if(found, [&](const LoopCandidate& candidate) {
+      return islands.of(candidate.cell) != islands.of(query);
+    });
+  }
   std::stable_sort(found.begin(), found.end(), [](const LoopCandidate& a, const LoopCandidate& b) {
     return a.distance_m < b.distance_m;
   });
   if (found.size() > options.candidates) found.resize(options.candidates);
+  if (found.empty()) return found;
+  const auto lengths = path_lengths(adjacency, query);
+  for (LoopCandidate& candidate : found) {
+    const auto length = lengths.find(candidate.cell);
+    candidate.path_m =
+        length == lengths.end() ? std::numeric_limits<double>::infinity() : length->second;
+  }
   return found;
 }
 

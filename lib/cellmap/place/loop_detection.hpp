@@ -24,8 +24,8 @@ struct LoopCandidate {
   CellId cell;
   Pose T_candidate_query = Pose::Identity();  ///< from the current poses
   double distance_m = 0;
-  /// Metres along the graph between the two, which is what drift grows with. 0: the guess is
-  /// certain.
+  /// Metres along the graph between the two, which is what drift grows with; infinite where nothing
+  /// ties them. 0: the guess is certain.
   double path_m = 0;
 };
 
@@ -73,8 +73,7 @@ struct LoopOptions {
   void validate() const;
 };
 
-/// The nearest CELLs by current position (paper, Sec. III-D) that constraints tie to the query:
-/// positions of others are in another frame. Nearest first.
+/// The nearest CELLs of the query's island by current position (paper, Sec. III-D), nearest first.
 /// Throws Error{kNotFound} where the graph has no such CELL.
 std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId query,
                                                 const LoopOptions& options);

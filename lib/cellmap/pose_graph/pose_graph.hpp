@@ -2,6 +2,7 @@
 
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -46,7 +47,10 @@ void validate(const Constraint& constraint);
 /// Current poses of the CELLs of a map and what is known between them. A value.
 struct PoseGraph {
   Revision revision = 0;
-  std::map<CellId, Pose> nodes;         ///< T_map_cell
+  std::map<CellId, Pose> nodes;  ///< T_map_cell
+  /// CELLs whose pose is not in the map frame yet but in that of their island
+  /// (pose_graph/islands.hpp).
+  std::set<CellId> unaligned;
   std::vector<Constraint> constraints;  ///< in order of id
 };
 

@@ -117,6 +117,13 @@ std::vector<PageCursor> keys_of(SqliteConnection& connection, std::int64_t map,
   return keys;
 }
 
+std::set<std::string> unaligned_sessions(SqliteConnection& connection, std::int64_t map) {
+  std::set<std::string> names;
+  Query rows(connection, "SELECT name FROM session WHERE map = ? AND aligned IS NULL", map);
+  while (rows.next()) names.insert(rows.text(0));
+  return names;
+}
+
 CellRecord existing_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
   std::optional<CellRecord> cell = find_cell(connection, map, id);
   if (!cell) {
@@ -132,12 +139,13 @@ std::vector<CellRecord> cells_by_place(SqliteConnection& connection, std::int64_
                                        const std::optional<PageCursor>& after) {
   const std::vector<PageCursor> keys = keys_of(connection, map, query);
   auto key = after ? std::upper_bound(keys.begin(), keys.end(), *after) : keys.begin();
+  const std::set<std::string> unaligned = unaligned_sessions(connection, map);
   std::vector<CellRecord> cells;
   for (; key != keys.end() && cells.size() <= query.limit; ++key) {
     CellRecord cell = existing_cell(connection, map, key->id);
     if (cell.moved <= query.since) continue;
     if (query.session && cell.session != *query.session) continue;
-    if (query.other_frames.contains(cell.session)) continue;
+    if (!query.session && unaligned.contains(cell.session)) continue;
     cells.push_back(std::move(cell));
   }
   return cells;

@@ -98,9 +98,21 @@ void require_revision(const MapRow& map, Revision revision) {
   }
 }
 
+std::set<CellId> read_unaligned(SqliteConnection& connection, std::int64_t map, Revision revision) {
+  std::set<CellId> unaligned;
+  Query rows(connection,
+             "SELECT cell.id FROM session JOIN cell ON cell.map = session.map "
+             "AND cell.session = session.name WHERE session.map = ? "
+             "AND (aligned IS NULL OR aligned > ?) AND added <= ?",
+             map, revision, revision);
+  while (rows.next()) unaligned.insert({rows.unsigned32(0)});
+  return unaligned;
+}
+
 void read_current_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& graph) {
   Query poses(connection, "SELECT id, x, y, z, rotation FROM cell WHERE map = ? ORDER BY id", map);
   while (poses.next()) graph.nodes.emplace(CellId{poses.unsigned32(0)}, pose_from_row(poses, 1));
+  graph.unaligned = read_unaligned(connection, map, graph.revision);
   Query constraints(connection, select_constraint("WHERE map = ? AND removed IS NULL ORDER BY id"),
                     map);
   while (constraints.next()) graph.constraints.push_back(constraint_from_row(constraints));
@@ -115,6 +127,7 @@ void read_old_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& g
               "AND pose.revision = latest.revision ORDER BY pose.cell",
               map, graph.revision, map);
   while (poses.next()) graph.nodes.emplace(CellId{poses.unsigned32(0)}, pose_from_row(poses, 1));
+  graph.unaligned = read_unaligned(connection, map, graph.revision);
   Query constraints(connection,
                     select_constraint("WHERE map = ? AND added <= ? AND "
                                       "(removed IS NULL OR removed > ?) ORDER BY id"),
@@ -134,7 +147,9 @@ MapSummaries::Summary MapSummaries::read(SqliteConnection& connection, const Map
   Summary summary;
   summary.revision = row.info.revision;
   Query bounds(connection,
-               "SELECT MIN(x), MIN(y), MIN(z), MAX(x), MAX(y), MAX(z) FROM cell WHERE map = ?",
+               "SELECT MIN(x), MIN(y), MIN(z), MAX(x), MAX(y), MAX(z) FROM cell WHERE map = ? "
+               "AND session NOT IN (SELECT name FROM session WHERE session.map = cell.map "
+               "AND aligned IS NULL)",
                row.key);
   if (bounds.next() && !bounds.is_null(0)) {
     summary.bounds.min() = Eigen::Vector3d(bounds.real(0), bounds.real(1), bounds.real(2));
@@ -203,6 +218,7 @@ MapChanges read_changes(SqliteConnection& connection, const std::string& map, Re
       changes.moved.emplace(cell.id, cell.T_map_cell);
     }
   }
+  changes.unaligned = read_unaligned(connection, row.key, changes.revision);
   Query added(connection,
               select_constraint("WHERE map = ? AND added > ? AND removed IS NULL ORDER BY id"),
               row.key, since);
@@ -218,15 +234,18 @@ MapChanges read_changes(SqliteConnection& connection, const std::string& map, Re
 std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::string& map) {
   std::vector<SessionInfo> sessions;
   Query rows(connection,
-             "SELECT session.name, robot, sensor, odometry_frame, started, COUNT(cell.id), "
-             "COALESCE(SUM(planes), 0), COALESCE(SUM(encoded_bytes), 0) FROM session "
+             "SELECT session.name, robot, sensor, odometry_frame, started, aligned, "
+             "COUNT(cell.id), COALESCE(SUM(planes), 0), COALESCE(SUM(encoded_bytes), 0) "
+             "FROM session "
              "LEFT JOIN cell ON cell.map = session.map AND cell.session = session.name "
-             "WHERE session.map = ? GROUP BY session.name, robot, sensor, odometry_frame, started "
+             "WHERE session.map = ? GROUP BY session.name, robot, sensor, odometry_frame, started, "
+             "aligned "
              "ORDER BY session.name",
              read_map_row(connection, map).key);
   while (rows.next()) {
     sessions.push_back({rows.text(0), rows.text(1), rows.text(2), rows.text(3), rows.integer(4),
-                        rows.unsigned64(5), rows.unsigned64(6), rows.unsigned64(7)});
+                        !rows.is_null(5), rows.unsigned64(6), rows.unsigned64(7),
+                        rows.unsigned64(8)});
   }
   return sessions;
 }

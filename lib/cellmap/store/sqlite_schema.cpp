@@ -135,12 +135,13 @@ CREATE TABLE job (
 CREATE INDEX job_by_map ON job (map, id);
 )sql";
 
-// Version 2: who drove a session.
+// Version 2: who drove a session, and since when its poses are in the map frame.
 constexpr const char* kVersion2 = R"sql(
 ALTER TABLE session ADD COLUMN robot          TEXT    NOT NULL DEFAULT '';
 ALTER TABLE session ADD COLUMN sensor         TEXT    NOT NULL DEFAULT '';
 ALTER TABLE session ADD COLUMN odometry_frame TEXT    NOT NULL DEFAULT '';
 ALTER TABLE session ADD COLUMN started        INTEGER NOT NULL DEFAULT 0;  -- Unix time, ns
+ALTER TABLE session ADD COLUMN aligned        INTEGER DEFAULT 0;           -- revision; NULL: not yet
 )sql";
 
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.

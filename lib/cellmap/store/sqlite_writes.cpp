@@ -28,6 +28,7 @@ class Update {
 
   void add_cell(const NewCell& cell, const Bytes& frame);
   void move_cell(CellId id, const Pose& T_map_cell);
+  void align(CellId id);
   void remove_constraint(ConstraintId id);
   ConstraintId add_constraint(const Constraint& constraint);
   /// Writes the map's row; returns its revision.
@@ -35,6 +36,7 @@ class Update {
 
  private:
   bool is_there_already(const NewCell& cell) const;
+  void begin_session(const NewCell& first);
   void insert_blob(const NewCell& cell, const Bytes& frame);
   void insert_cell(const NewCell& cell);
   void insert_pose(CellId id, const Pose& T_map_cell);
@@ -55,14 +57,12 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
                     "; build it with the map's lattice");
   }
   if (is_there_already(cell)) return;
+  if (!find_last_cell(connection_, map_.key, cell.cell->session)) begin_session(cell);
   insert_blob(cell, frame);
   insert_cell(cell);
   insert_pose(cell.id, cell.T_map_cell);
   Query(connection_, "INSERT INTO cell_scans (map, cell, T_odom_cell, scans) VALUES (?, ?, ?, ?)",
         map_.key, cell.id.value, pose_to_bytes(cell.cell->T_odom_cell), scans_to_bytes(cell.scans))
-      .run();
-  Query(connection_, "INSERT INTO session (map, name) VALUES (?, ?) ON CONFLICT DO NOTHING",
-        map_.key, cell.cell->session)
       .run();
   MapInfo& info = map_.info;
   info.cells += 1;
@@ -90,6 +90,27 @@ bool Update::is_there_already(const NewCell& cell) const {
                                           std::to_string(same_place->id.value));
   }
   return false;
+}
+
+/// The session may be there without CELLs.
+void Update::begin_session(const NewCell& first) {
+  const std::optional<Revision> aligned =
+      first.unaligned ? std::nullopt : std::optional<Revision>(revision_);
+  Query(connection_,
+        "INSERT INTO session (map, name, aligned) VALUES (?, ?, ?) "
+        "ON CONFLICT (map, name) DO UPDATE SET aligned = excluded.aligned",
+        map_.key, first.cell->session, aligned)
+      .run();
+}
+
+void Update::align(CellId id) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) return require_cell(id);
+  Query(connection_,
+        "UPDATE session SET aligned = ? WHERE map = ? AND name = ? AND aligned IS NULL", revision_,
+        map_.key, cell->session)
+      .run();
+  changed_ = true;
 }
 
 void Update::insert_blob(const NewCell& cell, const Bytes& frame) {
@@ -299,6 +320,7 @@ CommitResult apply_update(SqliteConnection& connection, const std::string& map,
   }
   for (std::size_t i = 0; i < update.cells.size(); ++i) writer.add_cell(update.cells[i], frames[i]);
   for (const auto& [id, T_map_cell] : update.poses) writer.move_cell(id, T_map_cell);
+  for (const CellId id : update.aligned) writer.align(id);
   for (const ConstraintId id : update.remove_constraints) writer.remove_constraint(id);
   CommitResult result;
   for (const Constraint& constraint : update.add_constraints) {

@@ -52,11 +52,13 @@ MapUpdate to_map_update(CellUpdate update) {
                           .cell = update.cell,
                           .encoded = encode_cell(*update.cell),
                           .T_map_cell = update.poses.at(update.id),
+                          .unaligned = update.unaligned,
                           .scans = std::move(update.scans),
                           .raw_points = update.raw_points,
                           .voxel_points = update.voxel_points});
   result.poses = std::move(update.poses);
   result.poses.erase(update.id);
+  result.aligned = std::move(update.aligned);
   result.add_constraints = std::move(update.constraints);
   return result;
 }

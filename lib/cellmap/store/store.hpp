@@ -48,6 +48,7 @@ struct SessionInfo {
   std::string sensor;          ///< for example "OS1-64"
   std::string odometry_frame;  ///< for example "robot7/odom"
   Stamp started = 0;           ///< Unix time; 0: not said
+  bool aligned = true;         ///< its poses are in the map frame; kept by `MapUpdate`
   std::uint64_t cells = 0;     ///< counted by the store, as are the next two
   std::uint64_t planes = 0;
   std::uint64_t encoded_bytes = 0;
@@ -72,9 +73,9 @@ struct CellQuery {
   std::optional<Eigen::Vector3d> near;
   double radius_m = 0;
   std::optional<Eigen::AlignedBox3d> box;
+  /// Without one, a search by place finds aligned sessions only: the poses of the others are in
+  /// other frames.
   std::optional<std::string> session;
-  /// A search by place leaves these out: their poses are in another frame (map/islands.hpp).
-  std::set<std::string> other_frames;
   Revision since = 0;        ///< only CELLs added or moved after this revision
   std::size_t limit = 1000;  ///< 1 to 10,000
   /// `next_cursor` of the page before, of the same query on the same map (the limit may differ);
@@ -96,6 +97,7 @@ struct NewCell {
   std::shared_ptr<const Cell> cell;
   EncodedCell encoded;  ///< encode_cell(*cell)
   Pose T_map_cell = Pose::Identity();
+  bool unaligned = false;  ///< its session, where this CELL makes it, is not in the map frame
   std::vector<ScanInCell> scans;  ///< its stretch of the trajectory; may be empty
   std::uint64_t raw_points = 0;
   std::uint64_t voxel_points = 0;  ///< 0.4 m voxels that the drive hit here first
@@ -108,6 +110,7 @@ struct NewCell {
 struct MapUpdate {
   std::vector<NewCell> cells;
   std::map<CellId, Pose> poses;  ///< of CELLs that moved; equal poses change nothing
+  std::set<CellId> aligned;      ///< their sessions join the map frame
   /// Unnumbered; the store numbers them in this order, from 1. One that is there already, equal in
   /// CELLs, kind, origin, pose and information, is not added again but answered with its id, so
   /// that an update whose answer was lost can be sent again.
@@ -130,6 +133,7 @@ struct MapChanges {
   Revision since = 0, revision = 0;
   std::vector<CellRecord> added;              ///< ascending id, with their current poses
   std::map<CellId, Pose> moved;               ///< CELLs that were there before and moved
+  std::set<CellId> unaligned;                 ///< all that are not in the map frame now
   std::vector<Constraint> added_constraints;  ///< and not removed since; ascending id
   std::vector<ConstraintId> removed_constraints;
 };

@@ -1,5 +1,7 @@
-#include "cellmap/map/islands.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 
+#include <algorithm>
+#include <optional>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -20,12 +22,19 @@ CellId root(std::map<CellId, CellId>& parents, CellId cell) {
 Islands::Islands(const PoseGraph& graph) {
   for (const auto& [id, pose] : graph.nodes) names_.emplace_hint(names_.end(), id, id);
   count_ = names_.size();
-  for (const Constraint& constraint : graph.constraints) {
-    const CellId a = root(names_, constraint.from), b = root(names_, constraint.to);
-    if (a == b) continue;
+  const auto unite = [&](CellId one, CellId other) {
+    const CellId a = root(names_, one), b = root(names_, other);
+    if (a == b) return;
     names_[std::max(a, b)] = std::min(a, b);
     --count_;
+  };
+  std::optional<CellId> aligned;
+  for (const auto& [id, pose] : graph.nodes) {
+    if (graph.unaligned.contains(id)) continue;
+    if (aligned) unite(*aligned, id);
+    aligned = id;
   }
+  for (const Constraint& constraint : graph.constraints) unite(constraint.from, constraint.to);
   for (auto& [id, name] : names_) name = names_.at(name);  // lower ids are done already
 }
 
@@ -36,6 +45,14 @@ CellId Islands::of(CellId cell) const {
                 "CELL " + std::to_string(cell.value) + " is not in the pose graph");
   }
   return found->second;
+}
+
+std::vector<CellId> Islands::cells(CellId island) const {
+  std::vector<CellId> cells;
+  for (const auto& [id, name] : names_) {
+    if (name == island) cells.push_back(id);
+  }
+  return cells;
 }
 
 PoseGraph Islands::without(CellId island, const PoseGraph& graph) const {

@@ -1,4 +1,4 @@
-#include "cellmap/map/islands.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 
 #include <gmock/gmock.h>
 

@@ -8,12 +8,13 @@
 
 namespace cellmap {
 
-/// The parts of a map that no constraint ties to one another. A session starts as an island of its
-/// own whose poses are in its odometry frame; what a robot sees twice joins islands
-/// (map/junction.hpp). Poses of two islands are in two frames and must not be compared.
+/// The parts of a map whose poses are in one frame. All aligned CELLs make one island, that of the
+/// map frame. A further session starts unaligned, as an island of its own in its odometry frame;
+/// what it sees of another island joins the two (map/junction.hpp). Poses of two islands must not
+/// be compared.
 ///
-/// An island is named by the lowest id of its CELLs. The island of the map's lowest id defines the
-/// map frame; the others are unaligned. A value; O((nodes + constraints) log nodes) to make.
+/// An island is named by the lowest id of its CELLs. A value; O((nodes + constraints) log nodes) to
+/// make.
 class Islands {
  public:
   explicit Islands(const PoseGraph& graph);
@@ -21,9 +22,7 @@ class Islands {
   std::size_t count() const { return count_; }
   /// The island of a CELL of the graph. Throws Error{kNotFound} for another.
   CellId of(CellId cell) const;
-  /// True for CELLs of the island that defines the map frame.
-  bool is_aligned(CellId cell) const { return of(cell) == names_.begin()->second; }
-
+  std::vector<CellId> cells(CellId island) const;  ///< ascending; O(nodes)
   /// The CELLs of all islands but this, with their poses and without constraints.
   PoseGraph without(CellId island, const PoseGraph& graph) const;
 

@@ -1,0 +1,225 @@
+#include <algorithm>
+#include <set>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/codec/scan_codec.hpp"
+#include "cellmap/core/error.hpp"
+#include "server/api/api.hpp"
+#include "server/api/problem.hpp"
+#include "server/api/text.hpp"
+#include "server/jobs/ingest.hpp"
+
+// /v1/maps/{map}/sessions and what belongs to one session: its CELLs by content hash.
+
+namespace cellmap::server {
+namespace {
+
+constexpr const char* kCellType = "application/vnd.cellmap.cell";
+constexpr std::size_t kMaxSessionBody = 64u << 10;
+constexpr std::size_t kMaxHashes = 10'000;
+constexpr std::size_t kMaxHashesBody = 1u << 20;
+
+/// The last CELL tells where the odometry frame lies.
+Json document(Services& services, const std::string& map, const SessionInfo& session) {
+  Json started, last_cell, T_map_odom;
+  if (session.started > 0) started = rfc3339(session.started);
+  if (const auto last = services.store.last_cell(map, session.name)) {
+    last_cell = last->id.value;
+    if (session.aligned) {
+      const Pose T_odom_cell = load_cell(services.store, map, last->id).T_odom_cell;
+      T_map_odom = to_json(Pose(last->T_map_cell * T_odom_cell.inverse()));
+    }
+  }
+  return {{"name", session.name},
+          {"robot", session.robot},
+          {"sensor", session.sensor},
+          {"odometry_frame", session.odometry_frame},
+          {"started", std::move(started)},
+          {"cells", session.cells},
+          {"planes", session.planes},
+          {"encoded_bytes", session.encoded_bytes},
+          {"aligned", session.cells > 0 && session.aligned},
+          {"last_cell", std::move(last_cell)},
+          {"T_map_odom", std::move(T_map_odom)}};
+}
+
+SessionInfo find_session(const Store& store, const std::string& map, const std::string& name) {
+  for (SessionInfo& session : store.sessions(map)) {
+    if (session.name == name) return session;
+  }
+  throw Error(ErrorCode::kNotFound, "The map has no session " + in_quotes(name) + ".");
+}
+
+Response list(Services& services, const Call& call) {
+  const auto& map = call.path("map");
+  Json sessions = Json::array();
+  for (const auto& session : services.store.sessions(map)) {
+    sessions.push_back(document(services, map, session));
+  }
+  return json_response({{"sessions", std::move(sessions)}});
+}
+
+Response get(Services& services, const Call& call) {
+  const auto& map = call.path("map");
+  return json_response(
+      document(services, map, find_session(services.store, map, call.path("session"))));
+}
+
+Response create(Services& services, const Call& call) {
+  const auto& map = call.path("map");
+  const Json json = call.json();
+  ObjectReader reader(json, "the session");
+  SessionInfo session;
+  const auto name = reader.text("name");
+  if (!name) throw Error(ErrorCode::kInvalidArgument, "Expected a 'name' for the session.");
+  session.name = *name;
+  session.robot = reader.text("robot").value_or("");
+  session.sensor = reader.text("sensor").value_or("");
+  session.odometry_frame = reader.text("odometry_frame").value_or("");
+  session.started = static_cast<Stamp>(reader.integer("started_ns", INT64_MAX).value_or(0));
+  reader.finish();
+  const SessionInfo made = services.store.create_session(map, session);
+  Response response = json_response(document(services, map, made), 201);
+  response.headers.set("Location", "/v1/maps/" + map + "/sessions/" + made.name);
+  return response;
+}
+
+/// Hashes of the session's CELLs, page by page.
+std::set<std::string> hashes_of(const Store& store, const std::string& map,
+                                const std::string& session) {
+  std::set<std::string> hashes;
+  CellQuery query;
+  query.session = session;
+  query.limit = 10'000;
+  do {
+    const CellPage page = store.cells(map, query);
+    for (const CellRecord& cell : page.cells) hashes.insert(to_hex(cell.hash));
+    query.cursor = page.next_cursor;
+  } while (!query.cursor.empty());
+  return hashes;
+}
+
+Response lacking(Services& services, const Call& call) {
+  const Json json = call.json();
+  ObjectReader reader(json, "the question");
+  const Json* asked = reader.array("hashes", kMaxHashes);
+  reader.finish();
+  if (!asked) throw Error(ErrorCode::kInvalidArgument, "Expected 'hashes', an array of text.");
+  const auto there = hashes_of(services.store, call.path("map"), call.path("session"));
+  Json answer = Json::array();
+  for (const Json& hash : *asked) {
+    if (!hash.is_string()) {
+      throw Error(ErrorCode::kInvalidArgument, "Expected 'hashes' to hold text only.");
+    }
+    if (!there.contains(hash.get<std::string>())) answer.push_back(hash);
+  }
+  return json_response({{"lacking", std::move(answer)}});
+}
+
+/// The CELL as the back end takes it: its scans stayed on the robot, so its own points stand for
+/// them.
+FinishedCell arrived(std::shared_ptr<const Cell> cell,
+                     const std::shared_ptr<const Lattice>& lattice) {
+  FinishedCell arrived;
+  arrived.points = reconstruct_points(*cell, *lattice);
+  arrived.target = std::make_shared<const RegistrationTarget>(std::move(cell), lattice);
+  return arrived;
+}
+
+void check_cell(const Call& call, const MapState& state, const CellView& view) {
+  if (to_hex(view.hash) != call.path("hash")) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "The CELL's hash is " + to_hex(view.hash) + ", not that of the path.");
+  }
+  if (view.header.session != call.path("session")) {
+    throw Error(ErrorCode::kInvalidArgument, "The CELL belongs to session " +
+                                                 in_quotes(view.header.session) +
+                                                 ", not to that of the path.");
+  }
+  if (view.header.lattice != state.lattice()->spec()) {
+    throw Error(ErrorCode::kInvalidArgument, "The CELL's lattice is " +
+                                                 to_string(view.header.lattice) + ", the map's " +
+                                                 to_string(state.lattice()->spec()) + ".");
+  }
+}
+
+Response cell_answer(Services& services, const Call& call, const CellRecord& record, int status) {
+  const auto& map = call.path("map");
+  Json json = to_json(record);
+  json["revision"] = services.store.map(map).revision;
+  json["aligned"] = find_session(services.store, map, record.session).aligned;
+  Response response = json_response(json, status);
+  if (status == 201) {
+    response.headers.set("Location",
+                         "/v1/maps/" + map + "/cells/" + std::to_string(record.id.value));
+  }
+  return response;
+}
+
+Response put_cell(Services& services, const Call& call) {
+  const auto& map = call.path("map");
+  const auto state = services.maps.open(map);
+  call.content_type({kCellType});
+  const std::string body = call.content(kMaxCellBytes);
+  const Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
+  const CellView view = view_cell(bytes);
+  check_cell(call, *state, view);
+
+  const std::lock_guard lock(state->writer());
+  const auto last = services.store.last_cell(map, view.header.session);
+  const std::uint32_t expected = last ? last->sequence + 1 : 0;
+  if (view.header.sequence < expected) {
+    CellQuery query;
+    query.session = view.header.session;
+    query.limit = 10'000;
+    do {
+      const CellPage page = services.store.cells(map, query);
+      for (const CellRecord& record : page.cells) {
+        if (record.hash == view.hash) return cell_answer(services, call, record, 200);
+      }
+      query.cursor = page.next_cursor;
+    } while (!query.cursor.empty());
+    throw Error(ErrorCode::kConflict, "The session has another CELL with sequence " +
+                                          std::to_string(view.header.sequence) +
+                                          "; CELLs never change.");
+  }
+  if (view.header.sequence > expected) {
+    throw Error(ErrorCode::kConflict, "CELLs come in order: expected sequence " +
+                                          std::to_string(expected) + ", found " +
+                                          std::to_string(view.header.sequence) + ".");
+  }
+  MapperOptions options;
+  options.registration.threads = options.loops.registration.threads =
+      options.junction.relocalise.threads = services.options.threads;
+  BackEnd back_end(options, MapState::access(state));
+  if (last) {
+    back_end.resume_after(
+        last->id, arrived(std::make_shared<const Cell>(load_cell(services.store, map, last->id)),
+                          state->lattice()));
+  }
+  extend(services.store, *state, back_end,
+         arrived(std::make_shared<const Cell>(view.to_cell()), state->lattice()),
+         EncodedCell{view.hash, bytes});
+  services.metrics.cells_committed(1);
+  return cell_answer(services, call, *services.store.last_cell(map, view.header.session), 201);
+}
+
+}  // namespace
+
+void add_session_routes(Router& router, Services& services) {
+  const std::vector<std::string> json{"application/json"};
+  const std::string all = "/v1/maps/{map}/sessions", one = all + "/{session}";
+  router.add({"GET", all, {}, 0, json, [&](const Call& call) { return list(services, call); }});
+  router.add({"POST", all, {}, kMaxSessionBody, json, [&](const Call& call) {
+                return create(services, call);
+              }});
+  router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
+  router.add({"POST", one + "/cells:lacking", {}, kMaxHashesBody, json, [&](const Call& call) {
+                return lacking(services, call);
+              }});
+  router.add({"PUT", one + "/cells/{hash}", {}, kMaxCellBytes, json, [&](const Call& call) {
+                return put_cell(services, call);
+              }});
+}
+
+}  // namespace cellmap::server
