@@ -169,11 +169,12 @@ HWY_INLINE Corner nearest_corner_up_or_down(const FibonacciZones& zones, Directi
   const MF south = d.z < hn::Zero(f);
   d.z = hn::Abs(d.z);
   // 1 - |z| = r^2 / (1 + |z|).
-  d.index = hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, 0.5f));
+  d.index =
+      hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, zones.first));
   const VF mirrored = hn::Set(f, zones.last_turns) - d.turns;
   d.turns = hn::IfThenElse(south, mirrored - hn::Round(mirrored), d.turns);
   Corner corner = nearest_corner<false>(zones, d, basis_at(zones, d.r2));
-  const VF last = hn::Set(f, zones.points - 1.0f);
+  const VF last = hn::Set(f, zones.points - 2.0f * zones.first);
   corner.index = hn::IfThenElse(south, last - corner.index, corner.index);
   return corner;
 }
@@ -198,7 +199,7 @@ HWY_INLINE void nearest_of(const FibonacciZones& zones, const Basis& equator, VF
   Corner corner;
   if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= hn::Set(f, zones.min_r2[0])))) {
     const VF half = hn::Set(f, 0.5f * zones.points);
-    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - 0.5f));
+    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - zones.first));
     corner = nearest_corner<true>(zones, d, equator);
   } else {
     corner = nearest_corner_up_or_down(zones, d);
