@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cellmap/codec/verified_buffer.hpp"
+#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/schema/cell_generated.h"
 
@@ -36,9 +37,14 @@ ContentHash hash_of(std::span<const std::byte> bytes) {
   return sha256_of_pieces({bytes.first(offset), kZeros, bytes.subspan(offset + kZeros.size())});
 }
 
-ContentHash check_hash(std::span<const std::byte> bytes) {
+ContentHash claimed_hash(std::span<const std::byte> bytes) {
   ContentHash claimed;
   std::memcpy(claimed.bytes.data(), bytes.data() + hash_offset(bytes), sizeof(claimed));
+  return claimed;
+}
+
+ContentHash check_hash(std::span<const std::byte> bytes) {
+  const ContentHash claimed = claimed_hash(bytes);
   const ContentHash actual = hash_of(bytes);
   if (claimed != actual) {
     throw Error(ErrorCode::kCorruptData, "the CELL is damaged: it claims the content hash " +
@@ -124,6 +130,19 @@ flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& b
                             cell.first_scan, cell.scan_count, statistics);
 }
 
+/// A CELL whose bytes `verify_buffer` holds for and whose hash is `hash`.
+CellView view_with_hash(std::span<const std::byte> bytes, const ContentHash& hash) {
+  const schema::Cell& wire = root(bytes);
+  CellView view;
+  view.hash = hash;
+  view.header = header_from_wire(wire);
+  view.indices = span_of<std::uint32_t>(*wire.indices());
+  view.planes = span_of<Plane>(*wire.planes());
+  validate(view.header);
+  validate_planes(view.header.lattice, view.indices, view.planes);
+  return view;
+}
+
 }  // namespace
 
 EncodedCell encode_cell(const Cell& cell) {
@@ -152,21 +171,19 @@ CellView view_cell(std::span<const std::byte> bytes) {
                 "a CELL is read where it lies only from an address that is a multiple of 8");
   }
   verify_buffer(bytes, kCellKind, kMaxTables);
-  CellView view;
-  view.hash = check_hash(bytes);
-  const schema::Cell& wire = root(bytes);
-  view.header = header_from_wire(wire);
-  view.indices = span_of<std::uint32_t>(*wire.indices());
-  view.planes = span_of<Plane>(*wire.planes());
-  validate(view.header);
-  validate_planes(view.header.lattice, view.indices, view.planes);
-  return view;
+  return view_with_hash(bytes, check_hash(bytes));
 }
 
 Cell decode_cell(std::span<const std::byte> bytes) {
   if (is_aligned(bytes)) return view_cell(bytes).to_cell();
   check_size(bytes, kCellKind);  // before so much is copied
   return view_cell(Bytes(bytes.begin(), bytes.end())).to_cell();
+}
+
+Cell decode_stored_cell(std::span<const std::byte> frame) {
+  const Bytes bytes = zstd_decompress(frame, kMaxCellBytes);
+  verify_buffer(bytes, kCellKind, kMaxTables);
+  return view_with_hash(bytes, claimed_hash(bytes)).to_cell();
 }
 
 ContentHash verified_hash(std::span<const std::byte> bytes) {

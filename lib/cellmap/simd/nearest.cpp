@@ -196,7 +196,7 @@ HWY_INLINE void nearest_of(const FibonacciZones& zones, const Basis& equator, VF
   const VF inverse = inverse_sqrt(norm2);
   const VF r2 = rho2 * inverse * inverse;
   Direction d{z * inverse, r2, rough_inverse(r2), hn::Zero(f), azimuth_turns(x, y)};
-  Corner corner{hn::Zero(f), hn::FirstN(f, 0)};  // a default constructor would lack the instruction set
+  Corner corner{hn::Zero(f), hn::FirstN(f, 0)};  // NEON cannot call a default constructor here
   if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= hn::Set(f, zones.min_r2[0])))) {
     const VF half = hn::Set(f, 0.5f * zones.points);
     d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - zones.first));
