@@ -2,7 +2,6 @@
 
 #include <set>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 
 namespace cellmap::cli {
@@ -23,8 +22,7 @@ MapInfo open_or_make(Store& store, const std::string& name,
 }
 
 std::shared_ptr<const Cell> load(const Store& store, const std::string& map, CellId id) {
-  return std::make_shared<const Cell>(
-      decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes)));
+  return std::make_shared<const Cell>(decode_stored_cell(*store.compressed_cell(map, id)));
 }
 
 /// Puts mapper and source behind the last stored CELL of the session. False where the drive ends
