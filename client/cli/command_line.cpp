@@ -33,6 +33,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_maps(app, verbs);
   add_fetch(app, verbs);
   add_loops(app, verbs);
+  add_sessions(app, verbs);
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);

@@ -42,6 +42,7 @@ void add_ingest(CLI::App& app, Verbs& verbs);
 void add_maps(CLI::App& app, Verbs& verbs);   // maps, info, cells
 void add_fetch(CLI::App& app, Verbs& verbs);  // fetch, pull
 void add_loops(CLI::App& app, Verbs& verbs);
+void add_sessions(CLI::App& app, Verbs& verbs);
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);

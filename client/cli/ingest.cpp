@@ -19,7 +19,8 @@ struct Options {
   DriveFlags drive;
   MapperFlags mapper;
   std::string map;
-  bool server_path = false;
+  bool server_path = false, cells = false;
+  SessionInfo session;
 };
 
 IngestRequest request_of(const Options& options) {
@@ -35,9 +36,61 @@ IngestRequest request_of(const Options& options) {
   return request;
 }
 
-void run(const Options& options, const Console& console) {
+void make_map_where_missing(Client& client, const Options& options) {
+  try {
+    client.create_map(options.map, options.mapper.lattice());
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kAlreadyExists) throw;
+  }
+}
+
+/// Builds the CELLs here and sends them instead of the scans.
+void send_cells(Client& client, const Options& options, const Console& console) {
   const Interrupt interrupt;
+  make_map_where_missing(client, options);
+  const auto source = options.drive.open();
+  const std::string session = options.drive.session_name();
+  SentCells sent;
+  {
+    ProgressBar bar(console, "ingest");
+    sent = upload_cells(
+        client, options.map, session, *source, options.mapper.mapper_options(1),
+        [&](const Progress& progress) { bar.update(progress.scans_done, progress.scans_total); },
+        interrupt.token());
+  }
+  const Traffic traffic = client.traffic();
+  const std::uint64_t raw_bytes = sent.raw_points * 12;  // three float32
+  console.print(
+      {{"session", session},
+       {"scans", sent.scans},
+       {"cells", sent.cells},
+       {"aligned", sent.aligned},
+       {"length_m", sent.length_m},
+       {"sent_bytes", traffic.sent_bytes},
+       {"received_bytes", traffic.received_bytes},
+       {"raw_scan_bytes", raw_bytes}},
+      format("Session %s (%s): %s scans, %s CELLs; %s bytes up, %s down; the scans would "
+             "have been %s\n",
+             session.c_str(), sent.aligned ? "in the map frame" : "not aligned yet",
+             with_commas(sent.scans).c_str(), with_commas(sent.cells).c_str(),
+             with_commas(traffic.sent_bytes).c_str(), with_commas(traffic.received_bytes).c_str(),
+             with_commas(raw_bytes).c_str()));
+}
+
+void describe_session(Client& client, const Options& options) {
+  const SessionInfo& said = options.session;
+  if (said.robot.empty() && said.sensor.empty()) return;
+  make_map_where_missing(client, options);
+  SessionInfo session = said;
+  session.name = options.drive.session_name();
+  client.create_session(options.map, session);
+}
+
+void run(const Options& options, const Console& console) {
   Client client = connect(options.place);
+  describe_session(client, options);
+  if (options.cells) return send_cells(client, options, console);
+  const Interrupt interrupt;
   Job job;
   {
     ProgressBar bar(console, "ingest");
@@ -78,13 +131,20 @@ void add_ingest(CLI::App& app, Verbs& verbs) {
       "  cellmap ingest kitti/00 --poses odometry.txt --pose-frame camera --angle-correction 0.205 "
       "--server http://127.0.0.1:8080 --map kitti00\n"
       "  cellmap ingest /drives/07 --server-path --server http://127.0.0.1:8080 --map seven\n"
+      "  cellmap ingest drive --cells --robot cart-7 --server http://127.0.0.1:8080 --map town\n"
       "The same command again goes on where it was broken off.\n",
       [options](const Console& console) { run(*options, console); });
   add_drive_flags(*verb, options->drive);
   add_place_options(*verb, options->place, false);
   verb->add_option("--map", options->map, "Name of the map; made where it is missing")->required();
+  auto* cells = verb->add_flag(
+      "--cells", options->cells,
+      "Build the CELLs here and send them as they are finished, instead of the scans");
+  verb->add_option("--robot", options->session.robot, "Who drives, for the list of sessions");
+  verb->add_option("--sensor", options->session.sensor, "With what, for example OS1-64");
   verb->add_flag("--server-path", options->server_path,
-                 "DATASET and --poses are paths on the server, under one of its data roots");
+                 "DATASET and --poses are paths on the server, under one of its data roots")
+      ->excludes(cells);
   add_mapper_flags(*verb, options->mapper);
 }
 

@@ -106,7 +106,9 @@ PoseFrame DriveFlags::frame() const {
 }
 
 std::unique_ptr<ScanSource> DriveFlags::open() const {
-  return open_dataset(dataset, {poses, frame(), pcl_reader()});
+  auto drive = open_dataset(dataset, {poses, frame(), pcl_reader()});
+  if (first_scan == 0 && scans == 0) return drive;
+  return part_of_drive(std::move(drive), first_scan, scans);
 }
 
 std::string DriveFlags::session_name() const {
@@ -132,6 +134,11 @@ void add_drive_flags(CLI::App& verb, DriveFlags& flags) {
           "Frame of KITTI poses: auto, camera or sensor; auto takes camera for the folder's own "
           "poses.txt beside a calib.txt")
       ->check(CLI::IsMember({"auto", "camera", "sensor"}))
+      ->capture_default_str();
+  verb.add_option("--first-scan", flags.first_scan,
+                  "Take the drive from this scan on, with odometry that begins there")
+      ->capture_default_str();
+  verb.add_option("--scans", flags.scans, "Take so many scans; 0: to the end")
       ->capture_default_str();
   verb.add_option(
       "--session", flags.session,

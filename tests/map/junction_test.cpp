@@ -4,8 +4,9 @@
 
 #include <set>
 
-#include "cellmap/pose_graph/islands.hpp"
 #include "cellmap/place/polar_image.hpp"
+#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/scan/part_of_drive.hpp"
 #include "support/town_drive.hpp"
 
 namespace cellmap {
@@ -13,32 +14,6 @@ namespace {
 
 using test::BuiltMap;
 using test::TownDrive;
-
-/// Scans [begin, end) of a drive, as a session of its own: numbered from 0, in an odometry frame
-/// that begins with it.
-class Part : public ScanSource {
- public:
-  Part(std::unique_ptr<ScanSource> drive, std::size_t begin, std::size_t end)
-      : drive_(std::move(drive)), begin_(begin), end_(end) {
-    seek(0);
-  }
-  std::size_t size() const override { return end_ - begin_; }
-  std::optional<PosedScan> next() override {
-    auto scan = drive_->next();
-    if (!scan || scan->index >= end_) return std::nullopt;
-    if (!T_begin_odom_) T_begin_odom_ = scan->T_odom_sensor.inverse();
-    scan->T_odom_sensor = *T_begin_odom_ * scan->T_odom_sensor;
-    scan->index -= begin_;
-    return scan;
-  }
-  void seek(std::size_t index) override { drive_->seek(begin_ + index); }
-  const Trajectory& ground_truth() const override { return drive_->ground_truth(); }
-
- private:
-  std::unique_ptr<ScanSource> drive_;
-  std::size_t begin_, end_;
-  std::optional<Pose> T_begin_odom_;
-};
 
 void drive_into(BuiltMap& map, std::unique_ptr<ScanSource> source, const std::string& session,
                 const MapperOptions& options = test::quick_mapper_options()) {
@@ -50,9 +25,7 @@ void drive_into(BuiltMap& map, std::unique_ptr<ScanSource> source, const std::st
 const TownDrive kDrive{.laps = 0.95, .drift_deg_per_m = 0.01, .stretch = 1.0};
 constexpr std::size_t kFirstEnd = 56, kSecondBegin = 36;
 
-std::unique_ptr<ScanSource> first_session() {
-  return std::make_unique<Part>(kDrive.open(), 0, kFirstEnd);
-}
+std::unique_ptr<ScanSource> first_session() { return part_of_drive(kDrive.open(), 0, kFirstEnd); }
 
 /// Begins before the first one ended, on another day, a metre beside its line.
 TownDrive other_day() {
@@ -62,7 +35,7 @@ TownDrive other_day() {
   return drive;
 }
 std::unique_ptr<ScanSource> second_session() {
-  return std::make_unique<Part>(other_day().open(), kSecondBegin, kDrive.scans());
+  return part_of_drive(other_day().open(), kSecondBegin, 0);
 }
 
 std::unique_ptr<ScanSource> session_elsewhere() {

@@ -349,6 +349,8 @@ std::string Client::trajectory_text(const std::string& map, const std::string& s
   return impl_->get_text(map_path(map) + "/trajectory" + url.text());
 }
 
+Traffic Client::traffic() const { return impl_->transport.traffic(); }
+
 std::vector<Session> Client::sessions(const std::string& map) {
   const Json json = impl_->get_json(map_path(map) + "/sessions");
   std::vector<Session> sessions;

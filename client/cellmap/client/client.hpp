@@ -62,6 +62,9 @@ class Client {
   std::string metrics();       ///< Prometheus text
   std::string openapi_yaml();  ///< the description of the API that the server carries
 
+  /// Bytes of heads and bodies that this client sent and got, as they went over the wire.
+  Traffic traffic() const;
+
   // --- maps ---------------------------------------------------------------------------------
 
   std::vector<MapInfo> maps();

@@ -283,6 +283,20 @@ PutCellResult put_cell_result_from_json(const Json& json) {
   });
 }
 
+Json to_json(const Session& session) {
+  return {{"name", session.name},
+          {"robot", session.robot},
+          {"sensor", session.sensor},
+          {"odometry_frame", session.odometry_frame},
+          {"started", session.started > 0 ? Json(to_rfc3339(session.started)) : Json()},
+          {"cells", session.cells},
+          {"planes", session.planes},
+          {"encoded_bytes", session.encoded_bytes},
+          {"aligned", session.aligned},
+          {"last_cell", session.last_cell ? Json(session.last_cell->value) : Json()},
+          {"T_map_odom", session.T_map_odom ? to_json(*session.T_map_odom) : Json()}};
+}
+
 Session session_from_json(const Json& json) {
   return decoded("session", [&] {
     Session session;

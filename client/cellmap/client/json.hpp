@@ -43,6 +43,7 @@ Json to_json(const CellRecord& cell);
 CellRecord cell_record_from_json(const Json& json);
 Json to_json(const CellPage& page);
 CellPage cell_page_from_json(const Json& json);
+Json to_json(const Session& session);  ///< as the API has it
 Session session_from_json(const Json& json);
 SessionCell session_cell_from_json(const Json& json);
 ContentHash content_hash_from_json(const Json& json);

@@ -38,6 +38,11 @@ struct CellBatch {
   std::uint64_t remaining = 0;  ///< CELLs that the limit cut off; ask again for the rest
 };
 
+/// Bytes on the wire; heads are counted as text, without what TCP and IP add.
+struct Traffic {
+  std::uint64_t sent_bytes = 0, received_bytes = 0;
+};
+
 /// What `Client::put_cell` did.
 struct PutCellResult {
   CellRecord cell;

@@ -81,6 +81,18 @@ Transport::Transport(const ClientOptions& options)
 
 Transport::~Transport() = default;
 
+namespace {
+
+/// "name: value\r\n" of each, and the empty line.
+template <typename Fields>
+std::size_t size_of(const Fields& fields) {
+  std::size_t size = 2;
+  for (const auto& [name, value] : fields) size += name.size() + value.size() + 4;
+  return size;
+}
+
+}  // namespace
+
 Transport::Attempt Transport::attempt(const HttpRequest& request) {
   Attempt attempt;
   httplib::Request http;
@@ -104,6 +116,11 @@ Transport::Attempt Transport::attempt(const HttpRequest& request) {
     return !attempt.too_large;
   };
   const httplib::Result result = impl_->http->send(http);
+  constexpr std::size_t kFirstLine = sizeof("  HTTP/1.1\r\n") - 1;
+  traffic_.sent_bytes +=
+      http.method.size() + http.path.size() + kFirstLine + size_of(http.headers) + http.body.size();
+  traffic_.received_bytes +=
+      kFirstLine + size_of(attempt.response.headers) + attempt.response.body.size();
   attempt.error = attempt.no_body ? httplib::Error::Success : result.error();
   return attempt;
 }

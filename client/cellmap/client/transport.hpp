@@ -38,6 +38,8 @@ class Transport {
   ~Transport();
 
   const ServerUrl& url() const { return url_; }
+  /// Of all that `perform` did, attempts that failed included.
+  const Traffic& traffic() const { return traffic_; }
 
   /// Any answer with a status below 400, or 409 where `HttpRequest` is prepared for it through
   /// `accept_conflict`. Throws the problem's Error for others, Error{kUnavailable} where no
@@ -57,6 +59,7 @@ class Transport {
   struct Impl;
   ClientOptions options_;
   ServerUrl url_;
+  Traffic traffic_;
   std::unique_ptr<Impl> impl_;
 };
 

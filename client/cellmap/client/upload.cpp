@@ -3,6 +3,9 @@
 #include <optional>
 #include <thread>
 
+#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/pipeline/front_end.hpp"
+
 namespace cellmap {
 namespace {
 
@@ -135,6 +138,47 @@ Job upload_drive(Client& client, const std::string& map, IngestRequest request, 
     if (next != scan->index + 1 && next < source.size()) source.seek(next);
   }
   return client.complete_upload(job.id);
+}
+
+SentCells upload_cells(Client& client, const std::string& map, const std::string& session,
+                       ScanSource& source, const MapperOptions& options,
+                       const ProgressCallback& progress, std::stop_token stop) {
+  SentCells sent;
+  const auto lattice = std::make_shared<const Lattice>(client.map(map).lattice);
+  FrontEnd front_end(options, session, lattice);
+  Progress state{0, source.size(), 0};
+  const Session there = client.create_session(map, {.name = session});
+  if (there.last_cell) {
+    const Cell last = decode_cell(client.cell(map, *there.last_cell).encoded.bytes);
+    front_end.resume_after(last);
+    state.scans_done = last.first_scan + std::size_t{last.scan_count};
+    state.cells_done = last.sequence + std::size_t{1};
+    sent.aligned = there.aligned;
+    if (state.scans_done >= source.size()) return sent;
+    source.seek(state.scans_done);
+  }
+  const auto send = [&](const std::optional<FinishedCell>& finished) {
+    if (!finished) return;
+    const SessionCell answer = client.put_session_cell(map, encode_cell(finished->cell()));
+    sent.cells += answer.created ? 1 : 0;
+    sent.aligned = answer.aligned;
+    sent.raw_points += finished->raw_points;
+    ++state.cells_done;
+  };
+  std::optional<Pose> T_odom_last;
+  while (const auto scan = source.next()) {
+    if (stop.stop_requested()) return sent;
+    if (T_odom_last) {
+      sent.length_m += (scan->T_odom_sensor.translation() - T_odom_last->translation()).norm();
+    }
+    T_odom_last = scan->T_odom_sensor;
+    send(front_end.add(*scan));
+    ++sent.scans;
+    ++state.scans_done;
+    if (progress) progress(state);
+  }
+  send(front_end.finish());
+  return sent;
 }
 
 }  // namespace cellmap

@@ -6,6 +6,8 @@
 #include <string>
 
 #include "cellmap/client/client.hpp"
+#include "cellmap/core/progress.hpp"
+#include "cellmap/pipeline/mapper_options.hpp"
 #include "cellmap/scan/scan_source.hpp"
 
 namespace cellmap {
@@ -15,6 +17,24 @@ struct UploadOptions {
   std::chrono::milliseconds patience{600'000};
   std::chrono::milliseconds poll{200};  ///< between looks at a job that has not begun
 };
+
+/// What `upload_cells` did.
+struct SentCells {
+  std::uint64_t scans = 0, raw_points = 0;  ///< of the CELLs that were built here
+  std::uint64_t cells = 0;                  ///< new to the server
+  double length_m = 0;                      ///< driven
+  bool aligned = false;                     ///< the session is in the map frame
+};
+
+/// Builds a drive's CELLs on this machine and sends each as soon as it is finished
+/// (`Client::put_session_cell`): the scans never leave the robot. A session that is there in part
+/// is continued after its last CELL. The CELLs are those that the server would have built; their
+/// ties are weaker, since the server registers them by their own points. Returns early where a
+/// stop is requested; the same call goes on from there. Throws what `ScanSource::next` and `Client`
+/// throw.
+SentCells upload_cells(Client& client, const std::string& map, const std::string& session,
+                       ScanSource& source, const MapperOptions& options,
+                       const ProgressCallback& progress = {}, std::stop_token stop = {});
 
 /// Streams a drive from this machine into an ingest job, one scan in memory at a time, from the
 /// scan that the job expects next: it begins a session, continues one that was broken off (by
