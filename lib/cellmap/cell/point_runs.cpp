@@ -106,6 +106,11 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
     y_.resize(room);
     z_.resize(room);
   }
+  const auto copy = [&](std::size_t from, std::size_t to, std::size_t count) {
+    std::memcpy(x_.data() + to, cloud.x.data() + from, count * sizeof(float));
+    std::memcpy(y_.data() + to, cloud.y.data() + from, count * sizeof(float));
+    std::memcpy(z_.data() + to, cloud.z.data() + from, count * sizeof(float));
+  };
   for (std::size_t k = 0; k < band.size(); ++k) {
     const PointRun& run = band[k];
     const std::uint32_t ahead = band[std::min(k + kAhead, band.size() - 1)].first;
@@ -113,15 +118,10 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
     __builtin_prefetch(cloud.y.data() + ahead);
     __builtin_prefetch(cloud.z.data() + ahead);
     std::uint32_t& to = end_[run.patch % kPatchesABand];
-    const auto copy = [&](std::size_t count) {
-      std::memcpy(x_.data() + to, cloud.x.data() + run.first, count * sizeof(float));
-      std::memcpy(y_.data() + to, cloud.y.data() + run.first, count * sizeof(float));
-      std::memcpy(z_.data() + to, cloud.z.data() + run.first, count * sizeof(float));
-    };
-    if (run.count <= kBlock && run.first + kBlock <= cloud.size()) {
-      copy(kBlock);
+    if (run.first + run.count + kBlock <= cloud.size()) {
+      for (std::size_t i = 0; i < run.count; i += kBlock) copy(run.first + i, to + i, kBlock);
     } else {
-      copy(run.count);
+      copy(run.first, to, run.count);
     }
     to += run.count;
   }

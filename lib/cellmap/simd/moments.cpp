@@ -140,14 +140,6 @@ HWY_EXPORT(RangesOf);
 HWY_EXPORT(MomentsOf);
 HWY_EXPORT(MomentsOffPlane);
 
-Moments Moments::operator-(const Moments& other) const {
-  Moments difference = *this;
-  difference.count -= other.count;
-  for (std::size_t k = 0; k < 3; ++k) difference.sum[k] -= other.sum[k];
-  for (std::size_t k = 0; k < 6; ++k) difference.products[k] -= other.products[k];
-  return difference;
-}
-
 SquaredRanges squared_ranges(const PatchView& points) {
   return HWY_DYNAMIC_DISPATCH(SquaredRangesOf)(points);
 }

@@ -14,7 +14,13 @@ struct Moments {
   std::array<double, 3> sum{};       ///< x, y, z
   std::array<double, 6> products{};  ///< xx, xy, xz, yy, yz, zz
 
-  Moments operator-(const Moments& other) const;
+  Moments operator-(const Moments& other) const {
+    Moments difference;
+    difference.count = count - other.count;
+    for (std::size_t k = 0; k < 3; ++k) difference.sum[k] = sum[k] - other.sum[k];
+    for (std::size_t k = 0; k < 6; ++k) difference.products[k] = products[k] - other.products[k];
+    return difference;
+  }
 };
 
 /// Arrays of points have room for a multiple of this, filled with the first point after the last.
