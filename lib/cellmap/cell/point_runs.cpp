@@ -37,9 +37,9 @@ void append_block(const PointCloud& cloud, std::size_t begin, std::size_t end,
 
 }  // namespace
 
-void append_runs(const PointCloud& cloud, std::size_t begin, const Lattice& lattice, int threads,
-                 RunParts& parts) {
-  const std::size_t count = cloud.size() - begin, first_part = parts.size();
+void append_runs(const PointCloud& cloud, std::size_t begin, std::size_t end,
+                 const Lattice& lattice, int threads, RunParts& parts) {
+  const std::size_t count = end - begin, first_part = parts.size();
   parts.resize(first_part + (count + kPointsAPart - 1) / kPointsAPart);
   parallel_for(count, kPointsAPart, threads, [&](std::size_t part_begin, std::size_t part_end) {
     std::vector<PointRun>& runs = parts[first_part + part_begin / kPointsAPart];
@@ -83,10 +83,15 @@ void PatchPoints::swap_points(std::size_t i, std::size_t j) {
 
 void PatchPoints::keep(std::size_t count) {
   count_ = count;
-  for (std::size_t i = count; i < simd::padded(count); ++i) {
-    x_[i] = x_[0];
-    y_[i] = y_[0];
-    z_[i] = z_[0];
+  set_origin((*this)[0]);
+}
+
+void PatchPoints::set_origin(const Eigen::Vector3d& origin) {
+  for (int i = 0; i < 3; ++i) origin_[i] = static_cast<float>(origin[i]);
+  for (std::size_t i = count_; i < simd::padded(count_); ++i) {
+    x_[i] = origin_[0];
+    y_[i] = origin_[1];
+    z_[i] = origin_[2];
   }
 }
 
