@@ -4,7 +4,6 @@
 #include <map>
 #include <memory>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/scan/scan.hpp"
 
@@ -12,7 +11,7 @@ namespace cellmap::cli {
 namespace {
 
 Cell load(const Store& store, const std::string& map, CellId id) {
-  return decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes));
+  return decode_stored_cell(*store.compressed_cell(map, id));
 }
 
 }  // namespace
