@@ -2,8 +2,6 @@
 
 #include <utility>
 
-#include "cellmap/cell/build_cell.hpp"
-
 namespace cellmap {
 namespace {
 
@@ -34,8 +32,10 @@ std::optional<FinishedCell> FrontEnd::add(const PosedScan& raw) {
     raw_points_ += raw.points.size();
   } else {
     local_map_.emplace(std::move(scan), raw.T_odom_sensor, static_cast<std::uint32_t>(raw.index));
+    builder_.emplace(*lattice_, options_.build);
     raw_points_ = raw.points.size();
   }
+  builder_->update(*local_map_);
   return finished;
 }
 
@@ -47,7 +47,7 @@ std::optional<FinishedCell> FrontEnd::finish() {
 }
 
 FinishedCell FrontEnd::make_cell() {
-  Cell cell = build_cell(*local_map_, *lattice_, options_.build);
+  Cell cell = builder_->finish(*local_map_);
   cell.session = session_;
   cell.sequence = next_sequence_++;
   FinishedCell finished;

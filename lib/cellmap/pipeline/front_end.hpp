@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "cellmap/cell/cell_builder.hpp"
 #include "cellmap/cell/local_map.hpp"
 #include "cellmap/geometry/voxel_grid.hpp"
 #include "cellmap/pipeline/mapper_options.hpp"
@@ -53,9 +54,10 @@ class FrontEnd {
   std::string session_;
   std::shared_ptr<const Lattice> lattice_;
   std::optional<LocalMap> local_map_;
-  std::uint64_t raw_points_ = 0;    ///< of the scans of the local map
-  VoxelCounter voxels_;             ///< of all scans, in odometry poses
-  std::size_t counted_voxels_ = 0;  ///< of finished CELLs
+  std::optional<CellBuilder> builder_;  ///< of the local map
+  std::uint64_t raw_points_ = 0;        ///< of the scans of the local map
+  VoxelCounter voxels_;                 ///< of all scans, in odometry poses
+  std::size_t counted_voxels_ = 0;      ///< of finished CELLs
   std::uint32_t next_sequence_ = 0;
 };
 
