@@ -20,8 +20,8 @@ struct EncodedCell {
 
 /// Deterministic: equal CELLs give equal bytes on every machine, and decoding and encoding again
 /// gives the same bytes, so that a CELL keeps its hash. Bytes that came from elsewhere may be laid
-/// out differently: pass them on as {verified_hash(bytes), bytes}. About 0.2 ms for 5,800 planes. Throws Error{kCorruptData} where `validate` does, {kUnsupported} for an
-/// unknown lattice.
+/// out differently: pass them on as {verified_hash(bytes), bytes}. About 0.2 ms for 5,800 planes.
+/// Throws Error{kCorruptData} where `validate` does, {kUnsupported} for an unknown lattice.
 EncodedCell encode_cell(const Cell& cell);
 
 /// A CELL read where its bytes lie; nothing of its size is copied. Valid as long as the bytes are.
