@@ -5,6 +5,8 @@
 #include <cctype>
 #include <filesystem>
 
+#include "cellmap/scan/part_of_drive.hpp"
+
 #ifdef CELLMAP_WITH_PCL
 #include "cellmap/pcl/scan_file.hpp"
 #endif

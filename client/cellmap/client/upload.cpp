@@ -147,8 +147,8 @@ SentCells upload_cells(Client& client, const std::string& map, const std::string
   const auto lattice = std::make_shared<const Lattice>(client.map(map).lattice);
   FrontEnd front_end(options, session, lattice);
   Progress state{0, source.size(), 0};
-  const Session there = client.create_session(map, {.name = session});
-  if (there.last_cell) {
+  for (const Session& there : client.sessions(map)) {
+    if (there.name != session || !there.last_cell) continue;
     const Cell last = decode_cell(client.cell(map, *there.last_cell).encoded.bytes);
     front_end.resume_after(last);
     state.scans_done = last.first_scan + std::size_t{last.scan_count};
