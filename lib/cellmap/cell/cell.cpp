@@ -18,14 +18,6 @@ void require(bool holds, std::string_view broken) {
     throw Error(ErrorCode::kCorruptData, "this CELL is not valid: " + std::string(broken));
 }
 
-bool is_session_name(std::string_view name) {
-  return !name.empty() && name.size() <= kMaxSessionLength &&
-         std::all_of(name.begin(), name.end(), [](char c) {
-           return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
-                  c == '.' || c == '_' || c == '-';
-         });
-}
-
 void validate_plane(const Plane& plane, const Lattice& lattice, std::uint32_t index) {
   const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
   const auto where = [&] { return " at lattice point " + std::to_string(index); };
@@ -41,6 +33,14 @@ void validate_plane(const Plane& plane, const Lattice& lattice, std::uint32_t in
 }
 
 }  // namespace
+
+bool is_session_name(std::string_view name) {
+  return !name.empty() && name.size() <= kMaxSessionLength &&
+         std::all_of(name.begin(), name.end(), [](char c) {
+           return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
+                  c == '.' || c == '_' || c == '-';
+         });
+}
 
 void validate(const Cell& cell) {
   require(is_session_name(cell.session),
