@@ -37,7 +37,19 @@ struct Constraint {
   ConstraintKind kind = ConstraintKind::kOdometry;
   ConstraintOrigin origin = ConstraintOrigin::kMapper;
   RegistrationScores scores;  ///< zero where nothing was registered
+
+  /// Held for certain by a user: never loses weight.
+  bool pinned = false;
+  /// What the last `optimize` left of it, from 0 (rejected) to 1 (counts in full).
+  double weight = 1.0;
+  /// Squared length of its whitened residual at the poses of the last `optimize`; 0 before.
+  double chi2 = 0.0;
 };
+
+/// Constraints that are never rejected: those of neighbours, and pinned loops.
+inline bool is_trusted(const Constraint& constraint) {
+  return constraint.kind != ConstraintKind::kLoop || constraint.pinned;
+}
 
 /// Throws Error{kInvalidArgument}: from == to, a pose that is not rigid, an information matrix that
 /// is not finite, symmetric and positive semi-definite with a positive trace.
@@ -50,8 +62,15 @@ struct PoseGraph {
   std::vector<Constraint> constraints;  ///< in order of id
 };
 
+/// Where an optimisation starts.
+enum class GraphStart : std::uint8_t {
+  kGiven,  ///< from the nodes' poses
+  kBest,   ///< from those or, where its cost is lower, from the chordal start (`start.hpp`)
+};
+
 struct PoseGraphOptions {
   int max_iterations = 100;
+  GraphStart start = GraphStart::kGiven;
   /// Loops whose whitened residual is longer than this many sigmas lose weight, with its fourth
   /// power; shorter ones count in full. True loops exceed 4 in one case of a hundred (chi-square of
   /// six degrees of freedom). 0: all count in full.
@@ -70,9 +89,10 @@ struct PoseGraphSummary {
 };
 
 /// Moves the nodes to the maximum-likelihood poses, starting from where they are; constraints stay
-/// as they are. Residual of a constraint: log(T_from_to^-1 * T_from^-1 * T_to), whitened. Gauge: in
-/// every connected component the node with the lowest id keeps its pose exactly. Ends when a step
-/// moves no node by more than 0.01 mm and 1e-7 rad. Throws Error{kInvalidArgument} where a
+/// as they are. Residual of a constraint: the error of the position in the axes of `from` and twice
+/// the vector part of the rotation error's quaternion, whitened (`constraint_residual.hpp`). Gauge:
+/// in every connected component the node with the lowest id keeps its pose exactly. Ends when the
+/// steps to come would move no node by 0.05 mm or 5e-7 rad. Throws Error{kInvalidArgument} where a
 /// constraint names a node that is not there.
 ///
 /// Ceres' Levenberg-Marquardt with analytic derivatives and a trust region so large that its steps
@@ -86,8 +106,21 @@ PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options = {}
 
 /// g2o text: VERTEX_SE3:QUAT and EDGE_SE3:QUAT (information reordered to g2o's right perturbation).
 std::string to_g2o(const PoseGraph& graph);
-/// Inverse of `to_g2o` for the SE3 records; kinds are odometry for consecutive ids, else loop.
-/// Throws Error{kCorruptData} naming the line.
-PoseGraph pose_graph_from_g2o(std::string_view text);
+
+/// What a g2o file's information matrix belongs to.
+enum class G2oInformation {
+  kRightPerturbation,  ///< g2o's own: the error of T_from_to * exp(xi)
+  kCeresExample,       ///< as the example that comes with Ceres takes it, to compare costs: errors
+                       ///< in the axes of `from`, whitened by L (not L^T) of L * L^T
+};
+
+/// Inverse of `to_g2o`. Planar records (VERTEX_SE2, EDGE_SE2) become poses in the plane z = 0 with
+/// what the plane leaves open as certain as the rest. A file without vertices gets poses along a
+/// spanning tree, the lowest id at the origin. Kinds are odometry for consecutive ids, else loop;
+/// ids count the edges from 1. The text is not trusted: throws Error{kCorruptData} naming the line
+/// for anything not understood, coordinates beyond 1e8 m, other kinds of vertex or edge, vertices
+/// that are missing or there twice, more than 5 million records.
+PoseGraph pose_graph_from_g2o(std::string_view text,
+                              G2oInformation meaning = G2oInformation::kRightPerturbation);
 
 }  // namespace cellmap

@@ -2,7 +2,6 @@
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
 
 namespace cellmap::simd {
 
@@ -18,36 +17,33 @@ struct Moments {
   Moments operator-(const Moments& other) const;
 };
 
-/// Arrays of points have room for a multiple of this and are zero after the last point.
+/// Arrays of points have room for a multiple of this, filled with the first point after the last.
 constexpr std::size_t kMomentLanes = 4;
 constexpr std::size_t padded(std::size_t count) {
   return (count + kMomentLanes - 1) / kMomentLanes * kMomentLanes;
 }
 
-/// Points about an origin.
-struct CentredPoints {
-  const double *x, *y, *z;
+/// `count` >= 1 points of a patch. Their moments are taken about the first one.
+struct PatchView {
+  const float *x, *y, *z;
   std::size_t count;
-};
-
-/// A point, metres, and the lattice point whose patch it lies in.
-struct alignas(16) PatchPoint {
-  float x, y, z;
-  std::uint32_t patch;
 };
 
 struct SquaredRanges {
   double min, max;
 };
 
-/// Writes `count` >= 1 points minus the first one to x, y and z (room for `padded(count)`, filled
-/// with zeros); returns the extremes of x x + y y + z z.
-SquaredRanges centre(const PatchPoint* points, std::size_t count, double* x, double* y, double* z);
+/// The extremes of (x x + y y) + z z.
+SquaredRanges squared_ranges(const PatchView& points);
 
-Moments moments(const CentredPoints& points);
+/// Writes their square roots, `padded(count)` of them.
+void ranges(const PatchView& points, double* ranges_m);
 
-/// Moments of the points for which |(nx x + ny y) + nz z - offset| > limit.
-Moments moments_off_plane(const CentredPoints& points, const std::array<double, 3>& normal,
+Moments moments(const PatchView& points);
+
+/// Moments of the points for which |(nx x + ny y) + nz z - offset| > limit, about the first point
+/// as well.
+Moments moments_off_plane(const PatchView& points, const std::array<double, 3>& normal,
                           double offset, double limit);
 
 }  // namespace cellmap::simd
