@@ -79,7 +79,6 @@ TEST_F(ApiChanges, AreCompressedWhereTheClientTakesItAndItHelps) {
     EXPECT_EQ(to_text(unpacked), body_view(plain));
   }
   const Response empty = get(std::string(kChanges) + "?since=3", {kAcceptBinary, kAcceptZstd});
-  EXPECT_FALSE(empty.headers.get("Content-Encoding"));
   EXPECT_LT(body_view(empty).size(), 100u);
 }
 
