@@ -17,6 +17,7 @@ struct Options {
   std::size_t limit = 1000;
   std::uint64_t since = 0;
   bool all = false;
+  std::string lattice = to_string(LatticeKind::kFibonacci);
   std::uint32_t lattice_size = LatticeSpec{}.size;
 };
 
@@ -31,7 +32,7 @@ void list_maps(const Options& options, const Console& console) {
 }
 
 void create_map(const Options& options, const Console& console) {
-  const LatticeSpec lattice{LatticeKind::kFibonacci, options.lattice_size};
+  const LatticeSpec lattice{lattice_kind_from(options.lattice), options.lattice_size};
   const MapInfo map =
       options.place.store.empty()
           ? connect(options.place).create_map(options.map, lattice)
@@ -112,7 +113,12 @@ void add_list(CLI::App& app, Verbs& verbs) {
                                "  cellmap maps create town --server http://127.0.0.1:8080\n",
                                [created](const Console& c) { create_map(*created, c); });
   create->add_option("MAP", created->map, "1 to 64 characters [a-z0-9_-]")->required();
-  create->add_option("--lattice-size", created->lattice_size, "Directions of its lattice")
+  create
+      ->add_option("--lattice", created->lattice, "fibonacci, or fibonacci-bands: without the sky")
+      ->capture_default_str();
+  create
+      ->add_option("--lattice-size", created->lattice_size,
+                   "Directions of its lattice, all around in its usual density")
       ->capture_default_str();
   add_place_options(*create, created->place, true);
 

@@ -90,8 +90,9 @@ void expect_statistics(const CellStatistics& statistics, const Json& twin) {
 }
 
 void expect_cell(const Cell& cell, const Json& twin) {
-  EXPECT_EQ(twin.at("lattice").at("kind"), "Fibonacci");
-  EXPECT_EQ(cell.lattice.kind, LatticeKind::kFibonacci);
+  EXPECT_EQ(twin.at("lattice").at("kind"), cell.lattice.kind == LatticeKind::kFibonacciBands
+                                               ? "FibonacciBands"
+                                               : "Fibonacci");
   EXPECT_EQ(cell.lattice.size, twin.at("lattice").at("size"));
   EXPECT_EQ(cell.indices, twin.at("indices").get<std::vector<std::uint32_t>>());
   ASSERT_EQ(cell.planes.size(), twin.at("planes").size());
@@ -293,10 +294,18 @@ TEST(Conformance, ScansSayWhatTheirTwinsSay) {
 
 TEST(Conformance, LatticeDirectionsHaveTheBitsThatTheFormatPrescribes) {
   std::ifstream stream(kFolder / "v1" / "lattice-directions.json");
-  const Json rows = Json::parse(stream);
+  std::ifstream band_stream(kFolder / "v1" / "band-directions.json");
+  Json rows = Json::parse(stream);
   ASSERT_GE(rows.size(), 40u);
+  const Json band_rows = Json::parse(band_stream);
+  ASSERT_GE(band_rows.size(), 20u);
+  rows.insert(rows.end(), band_rows.begin(), band_rows.end());
+  LatticeCache lattices;
   for (const Json& row : rows) {
-    const Lattice lattice(LatticeSpec{.size = row.at("size")});
+    const std::string kind = row.at("kind");
+    const auto shared = lattices.get({lattice_kind_from(kind), row.at("size")});
+    const Lattice& lattice = *shared;
+    EXPECT_EQ(lattice.size(), row.value("count", lattice.spec().size));
     const Eigen::Vector3d direction = lattice.direction(row.at("index"));
     for (int axis = 0; axis < 3; ++axis)
       EXPECT_EQ(direction[axis], row.at("direction")[axis]) << row;

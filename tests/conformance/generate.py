@@ -26,12 +26,12 @@ VERSION = 1
 
 # --- The Fibonacci lattice, from FORMAT.md, "Lattices" -------------------------------------------------
 
-def lattice_direction(i, size):
+def sphere_direction(i, m, a):
     """The exact evaluation: Python's floats are binary64 and round after each operation."""
     f = i * 0x9E3779B97F4A7C15 % 2**64
-    a, b = 2 * i + 1, 2 * size - 2 * i - 1
-    z = (size - a) / size
-    r = math.sqrt(float(a * b)) / size
+    b = 2 * m - a
+    z = (m - a) / m
+    r = math.sqrt(float(a * b)) / m
     q = ((f + 2**61) % 2**64) >> 62
     rest = (f - q * 2**62) % 2**64
     x = float(rest - 2**64 if rest >= 2**63 else rest) * (2 * math.pi * 2.0**-64)
@@ -43,6 +43,29 @@ def lattice_direction(i, size):
     s *= x
     cos, sin = [(c, s), (-s, c), (-c, -s), (s, -c)][q]
     return r * cos, r * sin, z
+
+
+def lattice_direction(i, size):
+    return sphere_direction(i, size, 2 * i + 1)
+
+
+def bands(size):
+    """All directions of the kind "Fibonacci bands", each with the number of points on its sphere and its index there."""
+    for points, low, high in [(size, -0.2, 0.7), (2 * size, -0.6, -0.2), (size // 200, -2.0, -0.6)]:
+        for i in range(points):
+            x, z, y = sphere_direction(i, points - 1, 2 * i)
+            if low <= z < high:
+                yield (x, y, z), points, i
+
+
+def check_band(direction, points, i):
+    """From the definition, the golden ratio in 60 digits."""
+    getcontext().prec = 60
+    azimuth = 2 * math.pi * float(Decimal(i) / ((1 + Decimal(5).sqrt()) / 2) % 1)
+    y = 1 - Decimal(2 * i) / (points - 1)
+    r = float((1 - y * y).sqrt())
+    expected = (r * math.cos(azimuth), float(y), r * math.sin(azimuth))
+    assert max(abs(u - v) for u, v in zip(direction, expected)) < 1e-12, (i, points, direction, expected)
 
 
 def check_lattice(i, size, direction):
@@ -161,7 +184,8 @@ def canonical_cell(t):
     planes = b.vector(packed, n, 16)
     indices = b.vector(struct.pack(f"<{n}I", *t["indices"]), n, 4)
     session = b.string(t["session"])
-    lattice = b.table({0: ("B", 1), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
+    kind = ["", "Fibonacci", "FibonacciBands"].index(t["lattice"]["kind"])
+    lattice = b.table({0: ("B", kind), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
     s = t.get("statistics", {})
     names = ["points", "points_in_planes", "patches_hit", "rejected_few_points", "rejected_gap",
              "rejected_planarity", "rejected_grazing"]
@@ -262,9 +286,8 @@ def pose(x, y, z, yaw, roll=0.0):
     return dict(zip(POSE, [cy, -sy * cr, sy * sr, x, sy, cy * cr, -cy * sr, y, 0.0, sr, cr, z]))
 
 
-def facing_plane(index, size, k):
-    """A plane whose normal leans up to 40 degrees away from the line of sight."""
-    d = lattice_direction(index, size)
+def facing_plane(d, k):
+    """A plane whose normal leans up to 40 degrees away from the line of sight `d`."""
     lean = [0.4 * math.cos(k), 0.4 * math.sin(2.0 * k), 0.3 * math.cos(3.0 * k)]
     n = [-u + v for u, v in zip(d, lean)]
     norm = math.sqrt(sum(v * v for v in n))
@@ -272,10 +295,15 @@ def facing_plane(index, size, k):
     return {"distance": as_float32(3.0 + 1.7 * k), "nx": nx, "ny": ny, "nz": nz}
 
 
-def cell(size, indices, **rest):
+def cell(size, indices, kind="Fibonacci", **rest):
+    if kind == "Fibonacci":
+        directions = [lattice_direction(index, size) for index in indices]
+    else:
+        everywhere = [direction for direction, _, _ in bands(size)]
+        directions = [everywhere[index] for index in indices]
     return {"version": VERSION, "content_hash": {f"word{i}": 0 for i in range(4)},
-            "lattice": {"kind": "Fibonacci", "version": 1, "size": size}, "indices": indices,
-            "planes": [facing_plane(index, size, k) for k, index in enumerate(indices)], **rest}
+            "lattice": {"kind": kind, "version": 1, "size": size}, "indices": indices,
+            "planes": [facing_plane(d, k) for k, d in enumerate(directions)], **rest}
 
 
 CELLS = {
@@ -289,6 +317,9 @@ CELLS = {
     "largest-lattice": cell(1_000_000, [0, 499_999, 999_999], session="A.b_C-9", sequence=4_294_967_295,
                             t_odom_cell=pose(-1e6, 2e6, -3e3, -3.0), first_stamp_ns=-2**63, last_stamp_ns=2**63 - 1,
                             first_scan=4_294_967_295, scan_count=1),
+    "released-lattice": cell(50_000, [0, 1] + list(range(5_000, 42_500, 1_873)) + [42_512, 42_513, 42_561, 42_562],
+                             kind="FibonacciBands", session="released", sequence=3,
+                             t_odom_cell=pose(5.0, -6.0, 7.0, 0.5), first_stamp_ns=10, last_stamp_ns=20, scan_count=9),
 }
 
 
@@ -417,6 +448,18 @@ def lattice_vectors():
     return rows
 
 
+def band_vectors():
+    for size in (1_000, 20_000, 50_000):
+        directions = list(bands(size))
+        count = len(directions)
+        borders = [k for k in range(1, count) if directions[k - 1][1] != directions[k][1]]
+        for index in sorted({0, 1, 233, count // 3, count // 2, *borders, *[k - 1 for k in borders], count - 1}):
+            direction, points, i = directions[index]
+            check_band(direction, points, i)
+            yield {"kind": "fibonacci-bands", "size": size, "count": count, "index": index,
+                   "direction": list(direction)}
+
+
 def all_files():
     for name, twin in CELLS.items():
         data = seal(flatc("cell", twin))
@@ -433,8 +476,9 @@ def all_files():
             yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
             yield f"{name}.{suffix}", flatc(schema, twin)
             yield f"{name}.canonical.{suffix}", canonical(twin)
-    rows = ",\n ".join(json.dumps(row) for row in lattice_vectors())
-    yield "lattice-directions.json", f"[{rows}]\n".encode()
+    for name, vectors in (("lattice-directions", lattice_vectors()), ("band-directions", band_vectors())):
+        rows = ",\n ".join(json.dumps(row) for row in vectors)
+        yield f"{name}.json", f"[{rows}]\n".encode()
 
 
 def main():

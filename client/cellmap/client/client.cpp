@@ -198,7 +198,8 @@ std::vector<MapInfo> Client::maps() {
 }
 
 MapInfo Client::create_map(const std::string& name, const LatticeSpec& lattice) {
-  const Json body = {{"name", name}, {"lattice", {{"kind", "fibonacci"}, {"size", lattice.size}}}};
+  const Json body = {{"name", name},
+                     {"lattice", {{"kind", to_string(lattice.kind)}, {"size", lattice.size}}}};
   HttpRequest request = json_request("POST", "/v1/maps", body);
   request.idempotent = false;
   return client::map_info_from_json(impl_->send_json(request));

@@ -72,10 +72,8 @@ Eigen::Vector3d vector3_from(const Json& json) {
 }
 
 LatticeSpec lattice_from(const Json& json) {
-  if (json.at("kind") != "fibonacci") {
-    throw Error(ErrorCode::kUnsupported, "lattice kind " + dump(json.at("kind"), false));
-  }
-  return {LatticeKind::kFibonacci, integer<std::uint32_t>(json.at("size"))};
+  return {lattice_kind_from(json.at("kind").get<std::string>()),
+          integer<std::uint32_t>(json.at("size"))};
 }
 
 ConstraintKind kind_from(const std::string& name) {
@@ -196,7 +194,7 @@ Json to_json(const MapInfo& map) {
     bounds = {{"min", vector3(map.bounds.min())}, {"max", vector3(map.bounds.max())}};
   }
   return {{"name", map.name},
-          {"lattice", {{"kind", "fibonacci"}, {"size", map.lattice.size}}},
+          {"lattice", {{"kind", to_string(map.lattice.kind)}, {"size", map.lattice.size}}},
           {"revision", map.revision},
           {"created", to_rfc3339(map.created)},
           {"cells", map.cells},
@@ -574,7 +572,7 @@ Json to_json(const IngestRequest& request) {
   if (!request.poses.empty()) json["poses"] = request.poses;
   if (request.scans_total > 0) json["scans_total"] = request.scans_total;
   if (request.lattice) {
-    json["lattice"] = {{"kind", "fibonacci"}, {"size", request.lattice->size}};
+    json["lattice"] = {{"kind", to_string(request.lattice->kind)}, {"size", request.lattice->size}};
   }
   if (Json options = to_json(request.options); !options.empty()) json["options"] = options;
   return json;

@@ -45,6 +45,11 @@ CellView view_cell(std::span<const std::byte> bytes);
 /// version or an unknown lattice, or {kTooLarge} over `kMaxCellBytes`.
 Cell decode_cell(std::span<const std::byte> bytes);
 
+/// The CELL of a zstd frame that a store gave out. The store has compared the frame with the
+/// checksum that it wrote beside it (Store::compressed_cell), so the content hash is not computed
+/// once more; everything else is verified as by `decode_cell`, which throws the same.
+Cell decode_stored_cell(std::span<const std::byte> frame);
+
 /// The hash that the bytes claim, checked against them. Cheaper than decoding.
 ContentHash verified_hash(std::span<const std::byte> bytes);
 

@@ -92,7 +92,8 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
   const Pose T_cell_scan = moving_pose(term, T);
   const Eigen::Vector3d moved = T_cell_scan * p;
   if (!(moved.squaredNorm() > 0)) return {};  // at the origin there is no direction
-  const std::uint32_t slot = term.target->slot_of(term.target->lattice().nearest(moved));
+  const std::uint32_t index = term.target->lattice().nearest(moved);
+  const std::uint32_t slot = index == Lattice::kNowhere ? 0 : term.target->slot_of(index);
   if (slot == 0) return {};
   const simd::HessePlane& plane = term.target->hesse_plane(slot);
   const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);

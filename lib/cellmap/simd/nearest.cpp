@@ -245,11 +245,12 @@ HWY_INLINE Corner nearest_corner_up_or_down(const FibonacciZones& zones, Directi
   const MF south = d.z < hn::Zero(f);
   d.z = hn::Abs(d.z);
   // 1 - |z| = r^2 / (1 + |z|).
-  d.index = hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, 0.5f));
+  d.index =
+      hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, zones.first));
   const VF mirrored = hn::Set(f, zones.last_turns) - d.turns;
   d.turns = hn::IfThenElse(south, mirrored - hn::Round(mirrored), d.turns);
   Corner corner = nearest_corner(zones, d, basis_at(zones, d.r2));
-  const VF last = hn::Set(f, zones.points - 1.0f);
+  const VF last = hn::Set(f, zones.points - 2.0f * zones.first);
   corner.index = hn::IfThenElse(south, last - corner.index, corner.index);
   return corner;
 }
@@ -270,10 +271,10 @@ HWY_INLINE void nearest_of(const FibonacciZones& zones, const Equator& equator, 
   const VF norm2 = hn::MulAdd(z, z, rho2);
   const VF inverse = inverse_sqrt(norm2);
   Direction d{z * inverse, rho2 * inverse * inverse, hn::Zero(f), hn::Zero(f), azimuth_turns(x, y)};
-  Corner corner;
+  Corner corner{hn::Zero(f), hn::FirstN(f, 0)};  // NEON cannot call a default constructor here
   if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= equator.least_r2))) {
     const VF half = hn::Set(f, 0.5f * zones.points);
-    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - 0.5f));
+    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - zones.first));
     corner = nearest_corner_at_equator(equator, d);
   } else {
     d.inverse_r2 = rough_inverse(d.r2);

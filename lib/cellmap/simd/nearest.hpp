@@ -11,7 +11,10 @@ namespace cellmap::simd {
 struct FibonacciZones {
   static constexpr std::size_t kMost = 16;
 
-  float points = 0;  ///< N, at most 2^20: indices and their products with steps are exact floats
+  /// M, at most 2^20: indices and their products with steps are exact floats. Lattice point i lies
+  /// at the height 1 - 2 (i + first) / M.
+  float points = 0;
+  float first = 0.5f;    ///< 0.5: M = N points between the poles; 0: M = N - 1, the first is a pole
   float last_turns = 0;  ///< azimuth of the last lattice point
   float cap_r2 = 0;      ///< nearer to the axis than this the kernel does not decide
   /// Squared chords closer than this are not told apart.
