@@ -31,7 +31,8 @@ Error corrupt(const std::string& what) {
 
 Error too_many(std::size_t count) {
   return Error(ErrorCode::kTooLarge, "changes name at most " + std::to_string(kMaxIdsInChanges) +
-                                         " CELLs that moved, but " + std::to_string(count) +
+                                         " CELLs or constraints in one list, but " +
+                                         std::to_string(count) +
                                          " were given; ask for the pose graph instead");
 }
 
