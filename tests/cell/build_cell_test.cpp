@@ -171,7 +171,8 @@ TEST(FitPlane, IsTheSmallestEigenvectorOfTheCovariance) {
       const Eigen::Vector3d p(normal(rng), normal(rng), normal(rng));
       cloud.push_back((R * scale.cwiseProduct(p) + Eigen::Vector3d(30, -20, 5)).cast<float>());
     }
-    const PatchPoints points(cloud.x.data(), cloud.y.data(), cloud.z.data(), cloud.size());
+    PatchPoints points(cloud.x.data(), cloud.y.data(), cloud.z.data(), cloud.size());
+    points.keep(cloud.size());
     Eigen::Matrix3Xd P(3, points.size());
     for (std::size_t i = 0; i < points.size(); ++i) P.col(i) = points[i];
     const Eigen::Vector3d mean = P.rowwise().mean();

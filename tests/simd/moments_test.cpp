@@ -29,7 +29,7 @@ struct Patch {
     y.resize(padded(count), y[0]);
     z.resize(padded(count), z[0]);
   }
-  PatchView view() const { return {x.data(), y.data(), z.data(), count}; }
+  PatchView view() const { return {x.data(), y.data(), z.data(), count, {x[0], y[0], z[0]}}; }
   /// About the first point.
   std::array<double, 3> centred(std::size_t i) const {
     return {double{x[i]} - x[0], double{y[i]} - y[0], double{z[i]} - z[0]};

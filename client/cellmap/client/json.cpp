@@ -554,7 +554,7 @@ Json to_json(const IngestOptions& options) {
   if (options.loop_acceptance) json["loop_acceptance"] = to_string(*options.loop_acceptance);
   set("min_points", options.min_points);
   set("max_range_gap_m", options.max_range_gap_m);
-  if (options.fit) json["fit"] = *options.fit == PlaneFit::kRansac ? "ransac" : "trimmed";
+  if (options.fit) json["fit"] = to_string(*options.fit);
   return json;
 }
 

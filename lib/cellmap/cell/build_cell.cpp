@@ -23,14 +23,14 @@ std::string to_string(PlaneFit fit) {
       return "trimmed";
     case PlaneFit::kRansac:
       return "ransac";
-    case PlaneFit::kMoments:
+    case PlaneFit::kStreaming:
       break;
   }
-  return "moments";
+  return "streaming";
 }
 
 std::optional<PlaneFit> plane_fit_from(std::string_view name) {
-  for (const auto fit : {PlaneFit::kTrimmed, PlaneFit::kRansac, PlaneFit::kMoments}) {
+  for (const auto fit : {PlaneFit::kTrimmed, PlaneFit::kRansac, PlaneFit::kStreaming}) {
     if (name == to_string(fit)) return fit;
   }
   return std::nullopt;

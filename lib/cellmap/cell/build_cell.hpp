@@ -14,10 +14,11 @@ namespace cellmap {
 enum class PlaneFit {
   kTrimmed,  ///< closed-form PCA, refitted twice without the farthest points: no seed, 8-11x faster
   kRansac,   ///< the paper's, seeded, then PCA over the inliers
-  kMoments,  ///< closed-form PCA over all points, from sums that are kept as scans arrive
+  kStreaming,  ///< from sums that are kept as scans arrive, each trimmed by the plane so far
 };
 
-/// "trimmed", "ransac" or "moments", as flags and requests name them; nothing where `name` is none.
+/// "trimmed", "ransac" or "streaming", as flags and requests name them; nothing where `name` is
+/// none.
 std::string to_string(PlaneFit fit);
 std::optional<PlaneFit> plane_fit_from(std::string_view name);
 

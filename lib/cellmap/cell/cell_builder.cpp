@@ -78,6 +78,28 @@ class BandFit {
   CellPart part_;
 };
 
+/// Adds what one scan has in a band, a few patches at a time.
+void add_band(const PointCloud& cloud, std::span<const PointRun> runs,
+              const CellBuildOptions& options, std::span<PatchSums> band) {
+  BandPoints band_points;
+  band_points.sort(cloud, runs);
+  std::array<PatchPoints, kPatchesAFit> points;
+  std::array<PatchSums*, kPatchesAFit> patches;
+  std::size_t used = 0;
+  const auto flush = [&] {
+    add_scan(std::span(points).first(used), options, std::span(patches).first(used));
+    used = 0;
+  };
+  for (std::size_t i = 0; i < band.size(); ++i) {
+    points[used] = band_points.of(i);
+    if (points[used].size() == 0) continue;
+    points[used].keep(points[used].size());
+    patches[used] = &band[i];
+    if (++used == kPatchesAFit) flush();
+  }
+  flush();
+}
+
 /// The planes of one band from what was kept of its patches; none has been hit where it is empty.
 CellPart fit_sums(std::span<const PatchSums> band, std::uint32_t first_patch,
                   const PlaneRules& rules) {
@@ -87,13 +109,13 @@ CellPart fit_sums(std::span<const PatchSums> band, std::uint32_t first_patch,
   for (std::size_t i = 0; i < band.size(); ++i) {
     const PatchSums& patch = band[i];
     if (patch.points() == 0 || !rules.has_enough_points(patch.points(), part)) continue;
-    if (patch.ranges().has_gap()) {
+    if (patch.ranges.has_gap()) {
       rules.reject_gap(part);
       continue;
     }
     extents.push_back({first_patch + static_cast<std::uint32_t>(i), patch.points(),
-                       patch.ranges().least_m(), patch.ranges().most_m()});
-    moments.push_back(patch.moments());
+                       patch.ranges.least_m(), patch.ranges.most_m()});
+    moments.push_back({patch.origin, patch.sums.back()});
   }
   std::vector<std::optional<FittedPlane>> planes(moments.size());
   fit_planes(moments, planes);
@@ -107,14 +129,17 @@ struct CellBuilder::Impl {
   const Lattice& lattice;
   const CellBuildOptions options;
   const PlaneRules rules{lattice, options};
-  std::size_t seen = 0;  // points
+  std::size_t scans_seen = 0;
   RunParts parts{};
-  std::vector<std::vector<PatchSums>> sums{bands_of(lattice)};  // kMoments, by band
+  std::vector<std::vector<PatchSums>> sums{bands_of(lattice)};  // kStreaming, by band
 
-  void update(const PointCloud& cloud) {
-    append_runs(cloud, seen, lattice, options.threads, parts);
-    seen = cloud.size();
-    if (options.fit == PlaneFit::kMoments) add_sums(cloud);
+  void update(const LocalMap& local_map) {
+    for (; scans_seen < local_map.scan_ends().size(); ++scans_seen) {
+      const std::size_t begin = scans_seen == 0 ? 0 : local_map.scan_ends()[scans_seen - 1];
+      append_runs(local_map.points(), begin, local_map.scan_ends()[scans_seen], lattice,
+                  options.threads, parts);
+      if (options.fit == PlaneFit::kStreaming) add_sums(local_map.points());
+    }
   }
 
   /// What was kept of the points is enough: their runs are forgotten.
@@ -123,9 +148,7 @@ struct CellBuilder::Impl {
     parallel_for(sums.size(), 1, options.threads, [&](std::size_t band, std::size_t) {
       if (banded.of(band).empty()) return;
       sums[band].resize(kPatchesABand);
-      for (const PointRun& run : banded.of(band)) {
-        sums[band][run.patch % kPatchesABand].add(cloud, run, options.max_range_gap_m);
-      }
+      add_band(cloud, banded.of(band), options, sums[band]);
     });
     parts.clear();
   }
@@ -135,7 +158,7 @@ struct CellBuilder::Impl {
     std::vector<CellPart> bands(sums.size());
     parallel_for(bands.size(), 1, options.threads, [&](std::size_t band, std::size_t) {
       const auto first_patch = static_cast<std::uint32_t>(band * kPatchesABand);
-      bands[band] = options.fit == PlaneFit::kMoments
+      bands[band] = options.fit == PlaneFit::kStreaming
                         ? fit_sums(sums[band], first_patch, rules)
                         : BandFit(cloud, rules, options).fit(banded.of(band), first_patch);
     });
@@ -154,7 +177,7 @@ CellBuilder::~CellBuilder() = default;
 CellBuilder::CellBuilder(CellBuilder&&) noexcept = default;
 CellBuilder& CellBuilder::operator=(CellBuilder&&) noexcept = default;
 
-void CellBuilder::update(const LocalMap& local_map) { impl_->update(local_map.points()); }
+void CellBuilder::update(const LocalMap& local_map) { impl_->update(local_map); }
 
 Cell CellBuilder::finish(const LocalMap& local_map) {
   update(local_map);

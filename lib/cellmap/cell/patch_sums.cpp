@@ -1,44 +1,52 @@
 #include "cellmap/cell/patch_sums.hpp"
 
-#include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <optional>
 
 namespace cellmap {
 namespace {
 
-double squared_range(const PointCloud& cloud, std::size_t i) {
-  const double x = cloud.x[i], y = cloud.y[i], z = cloud.z[i];
-  return (x * x + y * y) + z * z;
+void add_ranges(const PatchPoints& points, double max_gap_m, RangeClusters& clusters) {
+  const simd::SquaredRanges range2 = simd::squared_ranges(points.view());
+  const double min_m = std::sqrt(range2.min), max_m = std::sqrt(range2.max);
+  if (!(max_m - min_m > max_gap_m)) {
+    clusters.add(min_m, max_m, max_gap_m);
+    return;
+  }
+  std::vector<double> ranges_m(simd::padded(points.size()));
+  simd::ranges(points.view(), ranges_m.data());
+  for (const double range_m : ranges_m) clusters.add(range_m, range_m, max_gap_m);
 }
 
 }  // namespace
 
-void PatchSums::add(const PointCloud& cloud, const PointRun& run, double max_range_gap_m) {
-  if (about_.moments.count == 0) about_.origin = cloud[run.first].cast<double>();
-  const double ox = about_.origin.x(), oy = about_.origin.y(), oz = about_.origin.z();
-  auto [sx, sy, sz] = about_.moments.sum;
-  auto [xx, xy, xz, yy, yz, zz] = about_.moments.products;
-  double least2 = HUGE_VAL, most2 = 0;
-  const std::size_t end = run.first + run.count;
-  for (std::size_t i = run.first; i < end; ++i) {
-    const double range2 = squared_range(cloud, i);
-    least2 = std::min(least2, range2);
-    most2 = std::max(most2, range2);
-    const double x = cloud.x[i] - ox, y = cloud.y[i] - oy, z = cloud.z[i] - oz;
-    sx += x, sy += y, sz += z;
-    xx += x * x, xy += x * y, xz += x * z;
-    yy += y * y, yz += y * z, zz += z * z;
+void add_scan(std::span<PatchPoints> scan, const CellBuildOptions& options,
+              std::span<PatchSums* const> patches) {
+  assert(scan.size() <= kPatchesAFit && patches.size() == scan.size());
+  std::array<simd::Moments, kPatchesAFit> of_scan;
+  std::array<MomentsAbout, kPatchesAFit> so_far;
+  std::array<std::optional<FittedPlane>, kPatchesAFit> planes;
+  for (std::size_t k = 0; k < scan.size(); ++k) {
+    PatchSums& patch = *patches[k];
+    if (patch.points() == 0) patch.origin = scan[k][0];
+    scan[k].set_origin(patch.origin);
+    add_ranges(scan[k], options.max_range_gap_m, patch.ranges);
+    of_scan[k] = simd::moments(scan[k].view());
+    patch.sums[0] = patch.sums[0] + of_scan[k];
   }
-  about_.moments = {about_.moments.count + run.count, {sx, sy, sz}, {xx, xy, xz, yy, yz, zz}};
-
-  const double least_m = std::sqrt(least2), most_m = std::sqrt(most2);
-  if (!(most_m - least_m > max_range_gap_m)) {
-    ranges_.add(least_m, most_m, max_range_gap_m);
-    return;
-  }
-  for (std::size_t i = run.first; i < end; ++i) {
-    const double range_m = std::sqrt(squared_range(cloud, i));
-    ranges_.add(range_m, range_m, max_range_gap_m);
+  for (std::size_t refit = 0; refit < PatchSums::kRefits; ++refit) {
+    for (std::size_t k = 0; k < scan.size(); ++k) {
+      so_far[k] = {patches[k]->origin, patches[k]->sums[refit]};
+    }
+    fit_planes(std::span(so_far).first(scan.size()), planes);
+    for (std::size_t k = 0; k < scan.size(); ++k) {
+      simd::Moments kept = of_scan[k];
+      if (planes[k]) {
+        kept = kept - moments_off_plane(scan[k], *planes[k], options.trim_rms_factor);
+      }
+      patches[k]->sums[refit + 1] = patches[k]->sums[refit + 1] + kept;
+    }
   }
 }
 

@@ -37,15 +37,6 @@ std::optional<FittedPlane> plane_of(const simd::PlaneBatch& batch, std::size_t k
   return plane;
 }
 
-/// Moments of the points farther from `plane` than `rms_factor` rms distances.
-simd::Moments moments_off_plane(const PatchPoints& points, const FittedPlane& plane,
-                                double rms_factor) {
-  const Eigen::Vector3d& n = plane.normal;
-  return simd::moments_off_plane(points.view(), {n.x(), n.y(), n.z()},
-                                 n.dot(plane.centroid - points[0]),
-                                 rms_factor * std::sqrt(plane.variance_across_m2));
-}
-
 /// SplitMix64: a good bijective mixer, so patch numbers next to each other draw independently.
 std::uint64_t next_random(std::uint64_t& state) {
   std::uint64_t z = (state += 0x9E3779B97F4A7C15ULL);
@@ -72,8 +63,16 @@ void fit_planes(std::span<const MomentsAbout> moments, FittedPlanes planes) {
   }
 }
 
+simd::Moments moments_off_plane(const PatchPoints& points, const FittedPlane& plane,
+                                double rms_factor) {
+  const Eigen::Vector3d& n = plane.normal;
+  return simd::moments_off_plane(points.view(), {n.x(), n.y(), n.z()},
+                                 n.dot(plane.centroid - points.origin()),
+                                 rms_factor * std::sqrt(plane.variance_across_m2));
+}
+
 std::optional<FittedPlane> fit_plane(const PatchPoints& points) {
-  const MomentsAbout moments{points[0], simd::moments(points.view())};
+  const MomentsAbout moments{points.origin(), simd::moments(points.view())};
   std::optional<FittedPlane> plane;
   fit_planes({&moments, 1}, {&plane, 1});
   return plane;
@@ -86,7 +85,7 @@ void fit_planes_trimmed(std::span<const PatchPoints> patches, const CellBuildOpt
   std::array<std::size_t, kPatchesAFit> refitted;  // whose moments `kept` holds
   std::array<std::optional<FittedPlane>, kPatchesAFit> next;
   for (std::size_t k = 0; k < patches.size(); ++k) {
-    all[k] = {patches[k][0], simd::moments(patches[k].view())};
+    all[k] = {patches[k].origin(), simd::moments(patches[k].view())};
     refitted[k] = k;
   }
   fit_planes(std::span(all).first(patches.size()), planes);

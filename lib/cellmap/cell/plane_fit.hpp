@@ -37,6 +37,10 @@ using FittedPlanes = std::span<std::optional<FittedPlane>>;
 void fit_planes(std::span<const MomentsAbout> moments, FittedPlanes planes);
 std::optional<FittedPlane> fit_plane(const PatchPoints& points);
 
+/// Moments about their origin of the points farther from `plane` than `rms_factor` rms distances.
+simd::Moments moments_off_plane(const PatchPoints& points, const FittedPlane& plane,
+                                double rms_factor);
+
 /// `fit_planes` of at most kPatchesAFit patches, repeated twice over the points within
 /// `trim_rms_factor` rms of the last plane.
 constexpr std::size_t kPatchesAFit = simd::PlaneBatch::kSize;

@@ -37,9 +37,9 @@ void append_block(const PointCloud& cloud, std::size_t begin, std::size_t end,
 
 }  // namespace
 
-void append_runs(const PointCloud& cloud, std::size_t begin, const Lattice& lattice, int threads,
-                 RunParts& parts) {
-  const std::size_t count = cloud.size() - begin, first_part = parts.size();
+void append_runs(const PointCloud& cloud, std::size_t begin, std::size_t end,
+                 const Lattice& lattice, int threads, RunParts& parts) {
+  const std::size_t count = end - begin, first_part = parts.size();
   parts.resize(first_part + (count + kPointsAPart - 1) / kPointsAPart);
   parallel_for(count, kPointsAPart, threads, [&](std::size_t part_begin, std::size_t part_end) {
     std::vector<PointRun>& runs = parts[first_part + part_begin / kPointsAPart];
@@ -83,10 +83,15 @@ void PatchPoints::swap_points(std::size_t i, std::size_t j) {
 
 void PatchPoints::keep(std::size_t count) {
   count_ = count;
-  for (std::size_t i = count; i < simd::padded(count); ++i) {
-    x_[i] = x_[0];
-    y_[i] = y_[0];
-    z_[i] = z_[0];
+  set_origin((*this)[0]);
+}
+
+void PatchPoints::set_origin(const Eigen::Vector3d& origin) {
+  for (int i = 0; i < 3; ++i) origin_[i] = static_cast<float>(origin[i]);
+  for (std::size_t i = count_; i < simd::padded(count_); ++i) {
+    x_[i] = origin_[0];
+    y_[i] = origin_[1];
+    z_[i] = origin_[2];
   }
 }
 
@@ -106,6 +111,11 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
     y_.resize(room);
     z_.resize(room);
   }
+  const auto copy = [&](std::size_t from, std::size_t to, std::size_t count) {
+    std::memcpy(x_.data() + to, cloud.x.data() + from, count * sizeof(float));
+    std::memcpy(y_.data() + to, cloud.y.data() + from, count * sizeof(float));
+    std::memcpy(z_.data() + to, cloud.z.data() + from, count * sizeof(float));
+  };
   for (std::size_t k = 0; k < band.size(); ++k) {
     const PointRun& run = band[k];
     const std::uint32_t ahead = band[std::min(k + kAhead, band.size() - 1)].first;
@@ -113,15 +123,10 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
     __builtin_prefetch(cloud.y.data() + ahead);
     __builtin_prefetch(cloud.z.data() + ahead);
     std::uint32_t& to = end_[run.patch % kPatchesABand];
-    const auto copy = [&](std::size_t count) {
-      std::memcpy(x_.data() + to, cloud.x.data() + run.first, count * sizeof(float));
-      std::memcpy(y_.data() + to, cloud.y.data() + run.first, count * sizeof(float));
-      std::memcpy(z_.data() + to, cloud.z.data() + run.first, count * sizeof(float));
-    };
-    if (run.count <= kBlock && run.first + kBlock <= cloud.size()) {
-      copy(kBlock);
+    if (run.first + run.count + kBlock <= cloud.size()) {
+      for (std::size_t i = 0; i < run.count; i += kBlock) copy(run.first + i, to + i, kBlock);
     } else {
-      copy(run.count);
+      copy(run.first, to, run.count);
     }
     to += run.count;
   }

@@ -33,10 +33,10 @@ inline std::size_t bands_of(const Lattice& lattice) {
 /// Runs of consecutive parts of a cloud.
 using RunParts = std::vector<std::vector<PointRun>>;
 
-/// Appends the runs of the points from position `begin` on to `parts`; points without a direction
-/// are in none. Parallel; the parts do not depend on the threads.
-void append_runs(const PointCloud& cloud, std::size_t begin, const Lattice& lattice, int threads,
-                 RunParts& parts);
+/// Appends the runs of the points from position `begin` to `end` to `parts`; points without a
+/// direction are in none. Parallel; the parts do not depend on the threads.
+void append_runs(const PointCloud& cloud, std::size_t begin, std::size_t end,
+                 const Lattice& lattice, int threads, RunParts& parts);
 
 /// Runs sorted by band, in the order of the cloud within one.
 struct BandedRuns {
@@ -62,14 +62,17 @@ class PatchPoints {
   std::size_t size() const { return count_; }
   Eigen::Vector3d operator[](std::size_t i) const { return {x_[i], y_[i], z_[i]}; }
   void swap_points(std::size_t i, std::size_t j);
-  /// Keeps the first `count` >= 1 points.
+  /// Keeps the first `count` >= 1 points, the origin is the first one. To be called once at least.
   void keep(std::size_t count);
-  /// Of at least one point.
-  simd::PatchView view() const { return {x_, y_, z_, count_}; }
+  /// What moments are taken about.
+  Eigen::Vector3d origin() const { return {origin_[0], origin_[1], origin_[2]}; }
+  void set_origin(const Eigen::Vector3d& origin);
+  simd::PatchView view() const { return {x_, y_, z_, count_, origin_}; }
 
  private:
   float *x_ = nullptr, *y_ = nullptr, *z_ = nullptr;
   std::size_t count_ = 0;
+  std::array<float, 3> origin_{};
 };
 
 /// The points of one band sorted by patch, in the order of the cloud within one (step 2, second

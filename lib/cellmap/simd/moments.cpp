@@ -87,12 +87,14 @@ HWY_INLINE Moments sum_up(std::size_t count, const Add& add) {
   return moments;
 }
 
-/// The first point in every lane, and coordinates about it.
+/// The origin in every lane, and coordinates about it.
 struct Origin {
   VD x, y, z;
 
   explicit Origin(const PatchView& points)
-      : x(hn::Set(D(), points.x[0])), y(hn::Set(D(), points.y[0])), z(hn::Set(D(), points.z[0])) {}
+      : x(hn::Set(D(), points.origin[0])),
+        y(hn::Set(D(), points.origin[1])),
+        z(hn::Set(D(), points.origin[2])) {}
 };
 
 Moments MomentsOf(const PatchView& points) {
@@ -122,7 +124,7 @@ Moments MomentsOffPlane(const PatchView& points, const std::array<double, 3>& no
     sums.add(x, y, z, hn::IfThenElseZero(off, x), hn::IfThenElseZero(off, y),
              hn::IfThenElseZero(off, z));
   });
-  // The first point after the last one has added nothing but to the count.
+  // The origins after the last point have added nothing but to the count.
   const std::size_t extra = padded(points.count) - points.count;
   if (std::abs(0.0 - offset) > limit) moments.count -= static_cast<double>(extra);
   return moments;
@@ -139,14 +141,6 @@ HWY_EXPORT(SquaredRangesOf);
 HWY_EXPORT(RangesOf);
 HWY_EXPORT(MomentsOf);
 HWY_EXPORT(MomentsOffPlane);
-
-Moments Moments::operator-(const Moments& other) const {
-  Moments difference = *this;
-  difference.count -= other.count;
-  for (std::size_t k = 0; k < 3; ++k) difference.sum[k] -= other.sum[k];
-  for (std::size_t k = 0; k < 6; ++k) difference.products[k] -= other.products[k];
-  return difference;
-}
 
 SquaredRanges squared_ranges(const PatchView& points) {
   return HWY_DYNAMIC_DISPATCH(SquaredRangesOf)(points);
