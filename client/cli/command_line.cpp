@@ -32,6 +32,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_ingest(app, verbs);
   add_maps(app, verbs);
   add_fetch(app, verbs);
+  add_pull(app, verbs);
   add_loops(app, verbs);
   add_jobs(app, verbs);
   add_relocalise(app, verbs);

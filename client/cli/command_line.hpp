@@ -39,8 +39,9 @@ void add_simulate(CLI::App& app, Verbs& verbs);
 void add_build(CLI::App& app, Verbs& verbs);
 void add_serve(CLI::App& app, Verbs& verbs);
 void add_ingest(CLI::App& app, Verbs& verbs);
-void add_maps(CLI::App& app, Verbs& verbs);   // maps, info, cells
-void add_fetch(CLI::App& app, Verbs& verbs);  // fetch, pull
+void add_maps(CLI::App& app, Verbs& verbs);  // maps, info, cells
+void add_fetch(CLI::App& app, Verbs& verbs);
+void add_pull(CLI::App& app, Verbs& verbs);
 void add_loops(CLI::App& app, Verbs& verbs);
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);

@@ -106,7 +106,7 @@ void add_list(CLI::App& app, Verbs& verbs) {
                              "  cellmap maps create town --lattice-size 20000 --server URL\n"
                              "  cellmap maps delete town --server URL\n",
                              [options](const Console& console) { list_maps(*options, console); });
-  add_place_options(*list, options->place, true);
+  add_place_options(*list, options->place, true, true);
 
   const auto created = std::make_shared<Options>();
   CLI::App* create = verbs.add(*list, "create", "Make an empty map",
@@ -141,7 +141,7 @@ void add_maps(CLI::App& app, Verbs& verbs) {
                              "  cellmap info town --store map.db --json\n",
                              [shown](const Console& console) { show_map(*shown, console); });
   info->add_option("MAP", shown->map, "Its name")->required();
-  add_place_options(*info, shown->place, true);
+  add_place_options(*info, shown->place, true, true);
 
   const auto listed = std::make_shared<Options>();
   CLI::App* cells = verbs.add(app, "cells", "List CELLs by their current poses",
@@ -149,7 +149,7 @@ void add_maps(CLI::App& app, Verbs& verbs) {
                               "  cellmap cells town --bbox \"0,0,-5,50,50,5\" --store map.db\n",
                               [listed](const Console& console) { list_cells(*listed, console); });
   cells->add_option("MAP", listed->map, "Name of the map")->required();
-  add_place_options(*cells, listed->place, true);
+  add_place_options(*cells, listed->place, true, true);
   cells->add_option("--near", listed->near, "\"x,y,z\" in the map frame; nearest come first");
   cells->add_option("--radius", listed->radius_m, "Metres around --near")
       ->check(CLI::PositiveNumber);

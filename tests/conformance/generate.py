@@ -163,7 +163,7 @@ class Builder:
         return self.data
 
 
-# --- The three kinds of file in the library's layout ----------------------------------------------------
+# --- The four kinds of file in the library's layout -----------------------------------------------------
 
 POSE = ["r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz"]
 INFORMATION = [f"m{i}{j}" for i in range(6) for j in range(i, 6)]
@@ -202,18 +202,46 @@ def canonical_pose_graph(t):
     b = Builder()
     packed = b"".join(struct.pack("<I4x", n["cell"]) + doubles(n["t_map_cell"], POSE) for n in t["nodes"])
     nodes = b.vector(packed, len(t["nodes"]), 8)
-    kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
-    constraints = []
-    for c in t["constraints"]:
-        s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
-        constraints.append(b.table({
-            0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
-            4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
-            6: ("struct", doubles(c["information"], INFORMATION)),
-            7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))}))
-    all_constraints = b.offsets(constraints)
+    all_constraints = b.offsets([canonical_constraint(b, c) for c in t["constraints"]])
     root = b.table({0: ("H", VERSION), 1: ("Q", t["revision"]), 2: ("ref", nodes), 3: ("ref", all_constraints)})
     return b.finish(root, b"CPGR")
+
+
+def canonical_constraint(b, c):
+    kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
+    s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
+    return b.table({
+        0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
+        4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
+        6: ("struct", doubles(c["information"], INFORMATION)),
+        7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))})
+
+
+def canonical_changes(t):
+    b, sessions, cells = Builder(), {}, []
+    for c in t["added"]:
+        if c["session"] not in sessions:
+            sessions[c["session"]] = b.string(c["session"])
+        cells.append(b.table({
+            0: ("I", c["cell"]), 1: ("struct", struct.pack("<4Q", *[c["hash"][f"word{i}"] for i in range(4)])),
+            2: ("Q", c["added"]), 3: ("Q", c["moved"]), 4: ("struct", doubles(c["t_map_cell"], POSE)),
+            5: ("ref", sessions[c["session"]]), 6: ("I", c["sequence"]), 7: ("I", c["planes"]),
+            8: ("Q", c["encoded_bytes"])}))
+    fields = {0: ("H", VERSION), 1: ("Q", t["since"]), 2: ("Q", t["revision"]), 3: ("ref", b.offsets(cells))}
+    def ids(column):
+        return b.table({0: ("I", column["count"]), 1: ("ref", b.vector(bytes(column["ids"]), len(column["ids"]), 1))})
+
+    if "moved" in t:
+        parts = [ids(t["moved"]["cells"])]
+        parts += [b.vector(bytes(t["moved"][name]), len(t["moved"][name]), 1) for name in COLUMNS]
+        fields[4] = ("ref", b.table({i: ("ref", part) for i, part in enumerate(parts)}))
+    if "removed" in t:
+        fields[5] = ("ref", ids(t["removed"]))
+    fields[6] = ("ref", b.offsets([canonical_constraint(b, c) for c in t["added_constraints"]]))
+    for ident, name in ((7, "removed_constraints"), (8, "unaligned")):
+        if name in t:
+            fields[ident] = ("ref", ids(t[name]))
+    return b.finish(b.table(fields), b"CCHG")
 
 
 def canonical_scan(t):
@@ -239,6 +267,7 @@ def seal(data):
 
 
 def flatc(schema, twin):
+    twin = {name: value for name, value in twin.items() if name != "decoded"}
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "twin.json").write_text(json.dumps(twin))
         subprocess.run(["flatc", "--binary", "-I", SCHEMA, "-o", folder, SCHEMA / f"{schema}.fbs",
@@ -319,6 +348,87 @@ GRAPHS = {
     "empty-map": {"version": VERSION, "revision": 0, "nodes": [], "constraints": []},
 }
 
+# --- Changes: columns and the grid of poses, from FORMAT.md --------------------------------------------
+
+COLUMNS = ["x", "y", "z", "rx", "ry", "rz"]
+
+
+def column(values):
+    folded = []
+    for i, value in enumerate(values):
+        expected = 0 if i == 0 else values[0] if i == 1 else 2 * values[i - 1] - values[i - 2]
+        rest = value - expected
+        folded.append(2 * rest if rest >= 0 else -2 * rest - 1)
+    width = (max(folded).bit_length() + 7) // 8
+    return [value >> (8 * plane) & 255 for plane in range(width) for value in folded]
+
+
+def grid_pose(g):
+    """The exact evaluation: Python's floats are binary64 and round after each operation."""
+    x, y, z = [v * 2.0**-22 for v in g[3:]]
+    xx, yy, zz = x * x, y * y, z * z
+    s = xx + yy + zz
+    d, c = (1 + s) * (1 + s), 4 * (1 - s)
+    rows = [1 - 8 * (yy + zz) / d, (8 * x * y - c * z) / d, (8 * x * z + c * y) / d, g[0] * 2.0**-13,
+            (8 * x * y + c * z) / d, 1 - 8 * (xx + zz) / d, (8 * y * z - c * x) / d, g[1] * 2.0**-13,
+            (8 * x * z - c * y) / d, (8 * y * z + c * x) / d, 1 - 8 * (xx + yy) / d, g[2] * 2.0**-13]
+    check_rotation(g, rows)
+    return dict(zip(POSE, rows))
+
+
+def check_rotation(g, rows):
+    """The same from the definition: the parameters are axis * tan(angle / 4)."""
+    p = [v / 2**22 for v in g[3:]]
+    norm = math.sqrt(sum(v * v for v in p))
+    angle = 4 * math.atan(norm)
+    ux, uy, uz = [v / norm for v in p] if norm else [1.0, 0.0, 0.0]
+    cos, sin, k = math.cos(angle), math.sin(angle), 1 - math.cos(angle)
+    expected = [cos + ux * ux * k, ux * uy * k - uz * sin, ux * uz * k + uy * sin,
+                uy * ux * k + uz * sin, cos + uy * uy * k, uy * uz * k - ux * sin,
+                uz * ux * k - uy * sin, uz * uy * k + ux * sin, cos + uz * uz * k]
+    found = [rows[i] for i in range(12) if i % 4 != 3]
+    assert max(abs(u - v) for u, v in zip(found, expected)) < 1e-14, (g, found, expected)
+
+
+def changes(since, revision, moved, added=(), constraints=(), **id_lists):
+    """moved: CELL -> six coordinates of the grid; id_lists: removed, removed_constraints, unaligned. What the columns
+    become is in "decoded", for readers of the twin; flatc never sees it."""
+    def ids(values):
+        return {"count": len(values), "ids": column(values)}
+
+    twin = {"version": VERSION, "since": since, "revision": revision, "added": list(added),
+            "added_constraints": list(constraints), **{name: ids(values) for name, values in id_lists.items()}}
+    if moved:
+        twin["moved"] = {"cells": ids(sorted(moved)), **{name: column([moved[cell][i] for cell in sorted(moved)])
+                                                        for i, name in enumerate(COLUMNS)}}
+    return {**twin, "decoded": {"moved": [{"cell": cell, "t_map_cell": grid_pose(moved[cell])}
+                                          for cell in sorted(moved)], **id_lists}}
+
+
+def added_cell(cell, revision, session):
+    return {"cell": cell, "hash": {f"word{i}": 0x0123456789ABCDEF ^ (cell << 4 * i) for i in range(4)},
+            "added": revision, "moved": revision + 1, "t_map_cell": pose(1.5 * cell, -3.0, 0.25, 0.3),
+            "session": session, "sequence": cell - 1, "planes": 5_612, "encoded_bytes": 112_640}
+
+
+CHANGES = {
+    # A lane driven there and back: the rotation passes half a turn, where its parameters change sign.
+    "after-a-loop": changes(
+        41, 44,
+        {c: [49_152 * c, 800 * c * c - 3, -7 * c,
+             round(2**22 * 0.01 * math.sin(c)), round(2**22 * 0.003),
+             round(2**22 * math.tan((0.2 * c + math.pi) % (2 * math.pi) / 4 - math.pi / 4))] for c in range(1, 33)},
+        constraints=GRAPHS["three-cells"]["constraints"][1:], removed_constraints=[5, 4_294_967_295]),
+    "extremes": changes(
+        0, 2**63, {0: [2**37, -2**37, 0, 2**22 - 1, 0, 0], 7: [-2**37, 2**37, 1, 0, 0, 1 - 2**22],
+                   4_294_967_295: [0, 0, 0, 0, 0, 0]},
+        added=[added_cell(1, 1, "monday"), added_cell(2, 2, "tuesday"), added_cell(4_000_000_000, 3, "monday")],
+        removed=[3, 4_294_967_294], removed_constraints=[0], unaligned=list(range(1_000, 1_300))),
+    # Valid, but a writer takes the other name of the same rotation, within half a turn.
+    "beyond-half-a-turn": changes(1, 2, {5: [1, 2, 3, 2**22, -2**22, 2**22], 6: [1, 2, 3, 0, 0, -2**22]}),
+    "no-changes": changes(17, 17, {}),
+}
+
 SCANS = {
     "with-nan": {"version": VERSION, "index": 5_000_000_000, "stamp_ns": -1, "t_odom_sensor": pose(1.0, 2.0, 3.0, 0.7),
                  "x": [1.5, "nan", -0.25, 3.0], "y": [as_float32(0.1), 2.0, "-inf", 0.0],
@@ -360,6 +470,7 @@ def all_files():
         yield f"{name}.cell", data
         yield f"{name}.canonical.cell", canonical_cell(twin)
     for schema, suffix, twins, canonical in (("pose_graph", "cpgr", GRAPHS, canonical_pose_graph),
+                                             ("changes", "cchg", CHANGES, canonical_changes),
                                              ("scan", "cscn", SCANS, canonical_scan)):
         for name, twin in twins.items():
             yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"

@@ -357,6 +357,12 @@ Changes changes_from_json(const Json& json) {
   });
 }
 
+RevisionEvent revision_event_from_json(const Json& json) {
+  return decoded("event of a revision", [&] {
+    return RevisionEvent{count(json, "revision"), stamp_from_rfc3339(json.at("created"))};
+  });
+}
+
 Json to_json(const Relocalisation& relocalisation) {
   const RelocalisationAnswer& answer = relocalisation.answer;
   Json json = {{"found", answer.found.has_value()}};

@@ -20,14 +20,6 @@ void require(bool holds, std::string_view broken) {
     throw Error(ErrorCode::kCorruptData, "this CELL is not valid: " + std::string(broken));
 }
 
-bool is_session_name(std::string_view name) {
-  return !name.empty() && name.size() <= kMaxSessionLength &&
-         std::all_of(name.begin(), name.end(), [](char c) {
-           return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
-                  c == '.' || c == '_' || c == '-';
-         });
-}
-
 bool is_unit(const Plane& p) {
   const double nx = p.nx, ny = p.ny, nz = p.nz;
   const double norm2 = nx * nx + ny * ny + nz * nz;
@@ -65,6 +57,14 @@ class DirectionBlocks {
 };
 
 }  // namespace
+
+bool is_session_name(std::string_view name) {
+  return !name.empty() && name.size() <= kMaxSessionLength &&
+         std::all_of(name.begin(), name.end(), [](char c) {
+           return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ||
+                  c == '.' || c == '_' || c == '-';
+         });
+}
 
 void validate(const Cell& cell) {
   require(is_session_name(cell.session),

@@ -4,6 +4,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "cellmap/core/stamp.hpp"
@@ -51,6 +52,9 @@ struct Cell {
   std::uint32_t scan_count = 0;         ///< number of stacked scans
   CellStatistics statistics;
 };
+
+/// 1 to 64 characters [A-Za-z0-9._-].
+bool is_session_name(std::string_view name);
 
 /// Throws Error{kCorruptData} naming the first broken rule: equal lengths, indices strictly
 /// increasing and inside the lattice, planes finite, normals unit within 1e-3 and facing the
