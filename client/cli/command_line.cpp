@@ -39,6 +39,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);
   add_export(app, verbs);
+  add_optimize(app, verbs);
 }
 
 int report(const Verbs& verbs, std::ostream& out, std::ostream& err, ErrorCode code,

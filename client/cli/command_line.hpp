@@ -48,6 +48,7 @@ void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);
 void add_export(CLI::App& app, Verbs& verbs);
+void add_optimize(CLI::App& app, Verbs& verbs);
 
 /// Parses and runs one command line (without the program's name) and returns the exit code.
 /// `terminal`: the error stream is one. Errors become one line on `err`, and with --json also

@@ -7,7 +7,8 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/loop_detection.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/edit.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "server/api/api.hpp"
 
@@ -98,7 +99,7 @@ std::vector<Constraint> detect(const Services& services,
 
 /// A loop that somebody measured between two islands says where they lie to one another.
 void bring_together(PoseGraph& graph, const Constraint& loop) {
-  const Islands islands(graph);
+  const Frames islands(graph);
   Junction junction;
   junction.other = islands.of(loop.from);
   junction.island = islands.of(loop.to);
@@ -200,7 +201,7 @@ Response remove(Services& services, const Call& call) {
   const auto graph = state->graph();
   find_loop(*graph, id);
   PoseGraph changed = *graph;
-  std::erase_if(changed.constraints, [&](const auto& c) { return c.id == id; });
+  erase_constraint(changed, id);
   Optimised result = optimised(services, *graph, std::move(changed));
   result.update.remove_constraints = {id};
   const auto committed = services.store.commit(state->name(), result.update);

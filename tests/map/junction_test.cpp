@@ -5,7 +5,7 @@
 #include <set>
 
 #include "cellmap/place/polar_image.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/scan/part_of_drive.hpp"
 #include "support/town_drive.hpp"
 
@@ -70,7 +70,7 @@ TEST_F(TwoSessions, TheSecondStartsInItsOwnFrame) {
 }
 
 TEST_F(TwoSessions, BecomeOneMapInTheFrameOfTheFirst) {
-  EXPECT_EQ(Islands(map_->graph).count(), 1u);
+  EXPECT_EQ(Frames(map_->graph).count(), 1u);
   const std::vector<Pose> truth = kDrive.truth();
   for (std::size_t i = 0; i < map_->updates.size(); ++i) {
     const CellUpdate& update = map_->updates[i];
@@ -103,7 +103,7 @@ TEST(Junction, ASessionElsewhereStaysAnIslandInItsOwnFrame) {
   const std::size_t first_cells = map.updates.size();
   drive_into(map, session_elsewhere(), "elsewhere");
   ASSERT_GT(map.updates.size(), first_cells + 3);
-  const Islands islands(map.graph);
+  const Frames islands(map.graph);
   EXPECT_EQ(islands.count(), 2u);
   const CellUpdate& start = map.updates.at(first_cells);
   EXPECT_EQ(islands.of(map.updates.back().id), start.id);
@@ -116,7 +116,7 @@ TEST(Junction, IsNotLookedForWhereItIsSwitchedOff) {
   options.junctions = false;
   drive_into(map, first_session(), "first", options);
   drive_into(map, second_session(), "second", options);
-  EXPECT_EQ(Islands(map.graph).count(), 2u);
+  EXPECT_EQ(Frames(map.graph).count(), 2u);
 }
 
 TEST(Junction, BringingTogetherMovesTheYoungerIslandOnly) {

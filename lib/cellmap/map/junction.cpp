@@ -6,7 +6,7 @@
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/core/error.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 
 namespace cellmap {
 namespace {
@@ -44,7 +44,7 @@ std::vector<Neighbour> nearest_along(const PoseGraph& graph, CellId query, std::
   return nearest;
 }
 
-std::optional<LoopCandidate> nearest_in(const Islands& islands, CellId island,
+std::optional<LoopCandidate> nearest_in(const Frames& islands, CellId island,
                                         const PoseGraph& graph, const Pose& T_island_query,
                                         double max_distance_m) {
   std::optional<LoopCandidate> nearest;
@@ -74,7 +74,7 @@ std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
                                       const TargetProvider& targets,
                                       const JunctionOptions& options) {
   options.validate();
-  const Islands islands(graph);
+  const Frames islands(graph);
   if (islands.count() < 2) return std::nullopt;
   Junction junction;
   junction.island = islands.of(query);
@@ -122,7 +122,7 @@ void bring_together(PoseGraph& graph, const Junction& junction) {
   const bool other_stays =
       island_is_aligned == other_is_aligned ? junction.other < junction.island : other_is_aligned;
   const Pose T = other_stays ? junction.T_other_island : junction.T_other_island.inverse();
-  for (const CellId id : Islands(graph).cells(other_stays ? junction.island : junction.other)) {
+  for (const CellId id : Frames(graph).cells(other_stays ? junction.island : junction.other)) {
     graph.nodes.at(id) = T * graph.nodes.at(id);
     if (island_is_aligned || other_is_aligned) graph.unaligned.erase(id);
   }

@@ -12,7 +12,7 @@
 
 namespace cellmap {
 
-/// What must come together before two islands become one (pose_graph/islands.hpp). A wrong junction
+/// What must come together before two islands become one (pose_graph/frames.hpp). A wrong junction
 /// would fold two places over each other, so one answer of place recognition, however sure, is not
 /// enough: other CELLs of the island must be found where that answer says that they are.
 struct JunctionOptions {

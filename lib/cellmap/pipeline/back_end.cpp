@@ -6,7 +6,7 @@
 
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/pose_search.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 
 namespace cellmap {
 namespace {

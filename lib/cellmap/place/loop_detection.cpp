@@ -11,7 +11,7 @@
 #include "cellmap/core/parallel.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/pose_graph/information.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 
 namespace cellmap {
 namespace {
@@ -221,7 +221,7 @@ std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId q
     found.push_back({id, T_map_cell.inverse() * own->second, distance});
   }
   if (!graph.unaligned.empty()) {
-    const Islands islands(graph);
+    const Frames islands(graph);
     std::erase_if(found, [&](const LoopCandidate& candidate) {
       return islands.of(candidate.cell) != islands.of(query);
     });

@@ -1,4 +1,4 @@
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/frames.hpp"
 
 #include <gmock/gmock.h>
 
@@ -20,31 +20,31 @@ PoseGraph graph_of(std::initializer_list<std::uint32_t> cells,
   return graph;
 }
 
-TEST(Islands, AreNamedByTheLowestIdWhateverTheOrderOfTheConstraints) {
-  const Islands islands(graph_of({2, 3, 5, 7, 8, 9}, {{9, 8}, {7, 3}, {8, 7}, {2, 5}}));
+TEST(Frames, AreNamedByTheLowestIdWhateverTheOrderOfTheConstraints) {
+  const Frames islands(graph_of({2, 3, 5, 7, 8, 9}, {{9, 8}, {7, 3}, {8, 7}, {2, 5}}));
   EXPECT_EQ(islands.count(), 2u);
   for (const auto cell : {3u, 7u, 8u, 9u}) EXPECT_EQ(islands.of({cell}), CellId{3});
   for (const auto cell : {2u, 5u}) EXPECT_EQ(islands.of({cell}), CellId{2});
 }
 
-TEST(Islands, TheMapFrameIsThatOfTheLowestId) {
-  const Islands islands(graph_of({4, 5, 6}, {{4, 6}}));
+TEST(Frames, TheMapFrameIsThatOfTheLowestId) {
+  const Frames islands(graph_of({4, 5, 6}, {{4, 6}}));
   EXPECT_TRUE(islands.is_aligned({4}));
   EXPECT_TRUE(islands.is_aligned({6}));
   EXPECT_FALSE(islands.is_aligned({5}));
 }
 
-TEST(Islands, WithoutOneLeavesTheOthersAndNoConstraint) {
+TEST(Frames, WithoutOneLeavesTheOthersAndNoConstraint) {
   const PoseGraph graph = graph_of({1, 2, 3, 4}, {{1, 2}, {3, 4}});
-  const PoseGraph rest = Islands(graph).without({1}, graph);
+  const PoseGraph rest = Frames(graph).without({1}, graph);
   EXPECT_THAT(rest.nodes, testing::ElementsAre(testing::Key(CellId{3}), testing::Key(CellId{4})));
   EXPECT_TRUE(rest.constraints.empty());
 }
 
-TEST(Islands, AnEmptyMapHasNone) { EXPECT_EQ(Islands(PoseGraph{}).count(), 0u); }
+TEST(Frames, AnEmptyMapHasNone) { EXPECT_EQ(Frames(PoseGraph{}).count(), 0u); }
 
-TEST(Islands, ACellOutsideOfTheGraphIsNotFound) {
-  const Islands islands(graph_of({1}, {}));
+TEST(Frames, ACellOutsideOfTheGraphIsNotFound) {
+  const Frames islands(graph_of({1}, {}));
   test::expect_error(
       ErrorCode::kNotFound, [&] { islands.of({2}); }, "CELL 2");
 }
