@@ -15,6 +15,10 @@ constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kGridStepM = 2.0, kGridStepRad = 5.0 * kRadPerDeg;
 /// Places farther apart than this are not the same.
 constexpr double kSamePlaceM = 5.0;
+/// A place that is not clear by itself is believed where it agrees better than others by this.
+constexpr double kDominates = 0.3;
+/// And only where query and CELL look alike from above, too.
+constexpr double kLooksAlike = 0.35;
 
 /// Some of the points, evenly taken: three quarters of them upright structure where there is
 /// enough.
@@ -134,7 +138,7 @@ class Trials {
   void screen() {
     std::vector<std::vector<Attempt>> of_place(places_.size());
     const RegistrationOptions registration = staged(
-        options_, {{7, 3.0, RobustKernel::kCauchy, 0.5}, {4, 1.0, RobustKernel::kCauchy, 0.2}});
+        options_, {{10, 3.0, RobustKernel::kCauchy, 0.6}, {5, 1.0, RobustKernel::kCauchy, 0.3}});
     parallel_for(places_.size(), 1, options_.threads, [&](std::size_t p, std::size_t) {
       std::vector<Pose> starts = places_[p].starts;
       if (prior_) {
@@ -179,7 +183,7 @@ class Trials {
   }
 
   RegistrationOptions search_registration() const {
-    return staged(options_, {{4, 2.0, RobustKernel::kCauchy, 0.5},
+    return staged(options_, {{6, 2.0, RobustKernel::kCauchy, 0.5},
                              {4, 1.0, RobustKernel::kCauchy, 0.2},
                              {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
   }
@@ -249,22 +253,33 @@ class Trials {
   void decide() {
     if (candidates_.empty()) return;
     refine(0);
-    candidates_[0].accepted = is_believed(candidates_[0]);
-    if (!candidates_[0].accepted) {
+    compare_best();
+    if (!is_believed(candidates_[0]) || !is_clear(candidates_[0])) {
       const std::vector<std::size_t> chosen = worth_refining();
       parallel_for(chosen.size(), 1, options_.threads, [&](std::size_t k, std::size_t) {
         if (chosen[k] != 0) refine(chosen[k]);
       });
+      std::stable_sort(candidates_.begin(), candidates_.end(), better);
+      compare_best();
     }
-    std::stable_sort(candidates_.begin(), candidates_.end(), better);
-    candidates_[0].accepted = is_believed(candidates_[0]);
-    compare_best();
+    RelocalisationCandidate& best = candidates_[0];
+    best.accepted =
+        is_believed(best) &&
+        (is_clear(best) || (best.dominance >= kDominates && best.similarity >= kLooksAlike));
+  }
+
+  /// Whether it needs no comparison with other places: much is confirmed, or another CELL agrees.
+  static bool is_clear(const RelocalisationCandidate& candidate) {
+    constexpr double kMuch = 0.62;
+    return candidate.structure.tight_ratio >= kMuch ||
+           (candidate.witnesses > 0 && candidate.similarity >= kLooksAlike);
   }
 
   /// What the other places say of the best one.
   void compare_best() {
     RelocalisationCandidate& best = candidates_.front();
     best.dominance = 1.0;
+    best.witnesses = 0;
     for (const RelocalisationCandidate& other : candidates_) {
       const double metres = distance_m(best, other);
       if (is_refined(other) && metres > kSamePlaceM) {
@@ -302,7 +317,7 @@ QueryPoints::QueryPoints(const RelocalisationQuery& query, const GroundFrame& gr
   screen = mostly_upright(upright, level, options.screen_points);
   search = mostly_upright(upright, level, options.search_points);
   refine = mostly_upright(upright, level, options.refine_points / 2);
-  scored = thinned(query.points, options.refine_points / 2);
+  scored = thinned(query.points, options.refine_points);
   surfaces = surfaces_of(query, up);
 }
 

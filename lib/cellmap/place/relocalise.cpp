@@ -143,8 +143,10 @@ struct PlaceIndex::Impl {
                                          const PoseGraph& graph,
                                          const std::optional<PosePrior>& prior,
                                          const RelocaliseOptions& options) const {
-    const std::vector<CellId> cells =
-        signatures.most_alike(query, slots, options.shortlist, options.threads);
+    // Keys suffer from a missing sector more than alignments do, and few CELLs cost little.
+    constexpr std::size_t kAlwaysAligned = 600;
+    const std::vector<CellId> cells = signatures.most_alike(
+        query, slots, std::max(options.shortlist, kAlwaysAligned), options.threads);
     std::vector<PlaceToTry> places(cells.size());
     parallel_for(cells.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
       places[i] = place_at(cells[i], query, graph, prior, options);
