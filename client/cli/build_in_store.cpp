@@ -1,6 +1,5 @@
 #include "client/cli/build_in_store.hpp"
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/geometry/voxel_grid.hpp"
 
@@ -25,8 +24,7 @@ MapInfo open_or_make(Store& store, const std::string& name,
 }
 
 std::shared_ptr<const Cell> load(const Store& store, const std::string& map, CellId id) {
-  return std::make_shared<const Cell>(
-      decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes)));
+  return std::make_shared<const Cell>(decode_stored_cell(*store.compressed_cell(map, id)));
 }
 
 MapUpdate to_map_update(const CellUpdate& update, std::uint64_t voxel_points) {

@@ -32,11 +32,13 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_ingest(app, verbs);
   add_maps(app, verbs);
   add_fetch(app, verbs);
+  add_pull(app, verbs);
   add_loops(app, verbs);
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);
   add_export(app, verbs);
+  add_optimize(app, verbs);
 }
 
 int report(const Verbs& verbs, std::ostream& out, std::ostream& err, ErrorCode code,

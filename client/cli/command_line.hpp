@@ -39,13 +39,15 @@ void add_simulate(CLI::App& app, Verbs& verbs);
 void add_build(CLI::App& app, Verbs& verbs);
 void add_serve(CLI::App& app, Verbs& verbs);
 void add_ingest(CLI::App& app, Verbs& verbs);
-void add_maps(CLI::App& app, Verbs& verbs);   // maps, info, cells
-void add_fetch(CLI::App& app, Verbs& verbs);  // fetch, pull
+void add_maps(CLI::App& app, Verbs& verbs);  // maps, info, cells
+void add_fetch(CLI::App& app, Verbs& verbs);
+void add_pull(CLI::App& app, Verbs& verbs);
 void add_loops(CLI::App& app, Verbs& verbs);
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);
 void add_export(CLI::App& app, Verbs& verbs);
+void add_optimize(CLI::App& app, Verbs& verbs);
 
 /// Parses and runs one command line (without the program's name) and returns the exit code.
 /// `terminal`: the error stream is one. Errors become one line on `err`, and with --json also

@@ -116,7 +116,7 @@ void add_export(CLI::App& app, Verbs& verbs) {
                                [options, action](const Console& c) { action(*options, c); });
     verb->add_option("--map", options->map, "Name of the map")->required();
     verb->add_option("--out", options->out, "File to write")->required();
-    add_place_options(*verb, options->place, true);
+    add_place_options(*verb, options->place, true, true);
     return std::pair(verb, options);
   };
   leaf("cloud", "One point and normal a plane as PLY or PCD",

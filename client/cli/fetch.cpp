@@ -3,7 +3,6 @@
 #include <nlohmann/json.hpp>
 
 #include "cellmap/client/files.hpp"
-#include "cellmap/client/mirror.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/map_reader.hpp"
 
@@ -41,34 +40,6 @@ void fetch(const Options& options, const Console& console) {
   console.print(json, text);
 }
 
-void pull(const Options& options, const Console& console) {
-  Client client = connect(options.place);
-  PullReport report;
-  {
-    ProgressBar bar(console, "pull");
-    report = pull_map(client, options.map, options.out, [&](std::size_t done, std::size_t total) {
-      bar.update(done, total, "CELLs");
-    });
-  }
-  const client::Json json = {{"folder", options.out},
-                             {"from_revision", report.from},
-                             {"revision", report.to},
-                             {"cells", report.cells},
-                             {"fetched", report.fetched},
-                             {"fetched_bytes", report.fetched_bytes},
-                             {"moved", report.moved},
-                             {"removed", report.removed},
-                             {"started_over", report.started_over}};
-  console.print(
-      json,
-      format("%s is at revision %llu (was %llu): %s CELLs, of these fetched %s (%s), "
-             "moved %s\n",
-             options.out.c_str(), static_cast<unsigned long long>(report.to),
-             static_cast<unsigned long long>(report.from), with_commas(report.cells).c_str(),
-             with_commas(report.fetched).c_str(), human_bytes(double(report.fetched_bytes)).c_str(),
-             with_commas(report.moved).c_str()));
-}
-
 }  // namespace
 
 void add_fetch(CLI::App& app, Verbs& verbs) {
@@ -81,15 +52,6 @@ void add_fetch(CLI::App& app, Verbs& verbs) {
   one->add_option("CELL", fetched->cell, "Number of the CELL")->required();
   one->add_option("--out", fetched->out, "File for its bytes (FlatBuffers)");
   add_place_options(*one, fetched->place, false);
-
-  const auto pulled = std::make_shared<Options>();
-  CLI::App* all =
-      verbs.add(app, "pull", "Mirror a map into a folder; again: fetch only what changed",
-                "  cellmap pull town --server http://127.0.0.1:8080 --out town-mirror\n",
-                [pulled](const Console& console) { pull(*pulled, console); });
-  all->add_option("MAP", pulled->map, "Name of the map")->required();
-  all->add_option("--out", pulled->out, "Folder of the mirror")->required();
-  add_place_options(*all, pulled->place, false);
 }
 
 }  // namespace cellmap::cli

@@ -87,7 +87,7 @@ void add_loops(CLI::App& app, Verbs& verbs) {
     CLI::App* verb = verbs.add(*group, name, description, example,
                                [options, action](const Console& c) { action(*options, c); });
     verb->add_option("MAP", options->map, "Name of the map")->required();
-    add_place_options(*verb, options->place, with_store);
+    add_place_options(*verb, options->place, with_store, with_store);
     return std::pair(verb, options);
   };
   leaf("list", "List the loops", "  cellmap loops list town --server URL\n", true, list);

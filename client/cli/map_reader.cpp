@@ -6,6 +6,7 @@
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "client/cli/mirror_reader.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -85,12 +86,16 @@ class StoreReader : public MapReader {
 
 }  // namespace
 
-void add_place_options(CLI::App& verb, Place& place, bool with_store) {
+void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror) {
   auto* server = verb.add_option("--server", place.server,
                                  "Address of the server, for example http://127.0.0.1:8080");
   server->envname("CELLMAP_SERVER");
   if (with_store) {
     verb.add_option("--store", place.store, "Store file of this machine, instead of --server");
+  }
+  if (with_mirror) {
+    verb.add_option("--mirror", place.mirror,
+                    "Folder that 'cellmap pull' keeps, instead of --server: works offline");
   }
   verb.add_option("--cache", place.cache, "Folder that keeps fetched CELLs (default: none)")
       ->envname("CELLMAP_CACHE");
@@ -133,10 +138,11 @@ std::vector<CellRecord> MapReader::all_cells(const std::string& map) {
 }
 
 std::unique_ptr<MapReader> open_reader(const Place& place) {
+  if (!place.mirror.empty()) return open_mirror(place.mirror);
   if (!place.store.empty()) return std::make_unique<StoreReader>(place.store);
   if (place.server.empty()) {
     throw Error(ErrorCode::kInvalidArgument,
-                "say where the map is: --server http://HOST:PORT or --store FILE");
+                "say where the map is: --server http://HOST:PORT, --store FILE or --mirror DIR");
   }
   return std::make_unique<ServerReader>(place);
 }

@@ -15,16 +15,19 @@ class App;
 
 namespace cellmap::cli {
 
-/// Where the maps are: behind a server or in a store file of this machine.
+/// Where the maps are: behind a server, in a store file of this machine, or one of them in a
+/// mirror.
 struct Place {
   std::string server;      ///< --server URL, or the environment's CELLMAP_SERVER
   std::string store;       ///< --store FILE
+  std::string mirror;      ///< --mirror DIR, as `cellmap pull` keeps it
   std::string cache;       ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
   double timeout_s = 120;  ///< --timeout
 };
 
-/// Declares --server, --cache and --timeout, and --store where `with_store`.
-void add_place_options(CLI::App& verb, Place& place, bool with_store);
+/// Declares --server, --cache and --timeout, --store where `with_store`, and --mirror where
+/// `with_mirror` (verbs that only read).
+void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror = false);
 
 /// A client for the place. Throws Error{kInvalidArgument} where no server was named.
 Client connect(const Place& place);
@@ -53,7 +56,8 @@ class MapReader {
   std::vector<CellRecord> all_cells(const std::string& map);
 };
 
-/// Throws Error{kInvalidArgument} where neither or both of server and store were named.
+/// The mirror where one was named, else the store, else the server. Throws Error{kInvalidArgument}
+/// where nothing was named.
 std::unique_ptr<MapReader> open_reader(const Place& place);
 
 }  // namespace cellmap::cli

@@ -32,7 +32,7 @@ IngestOptions MapperFlags::ingest_options() const {
   if (no_bidirectional) result.bidirectional = false;
   if (no_loops) result.loop_closures = false;
   result.loop_acceptance = loop_acceptance_from(loop_acceptance);  // CLI11 has checked it
-  if (!fit.empty()) result.fit = fit == "ransac" ? PlaneFit::kRansac : PlaneFit::kTrimmed;
+  result.fit = plane_fit_from(fit);                                // CLI11 has checked it too
   return result;
 }
 
@@ -85,8 +85,11 @@ void add_mapper_flags(CLI::App& verb, MapperFlags& flags) {
   verb.add_option("--range-gap", flags.options.max_range_gap_m,
                   "A larger gap between ranges makes a patch invalid, metres [3]")
       ->group(group);
-  verb.add_option("--fit", flags.fit, "Plane fit: trimmed or ransac [trimmed]")
-      ->check(CLI::IsMember({"trimmed", "ransac"}))
+  verb.add_option(
+          "--fit", flags.fit,
+          "Plane fit: trimmed, ransac (the paper's) or streaming (a CELL is ready sooner after its "
+          "last scan) [trimmed]")
+      ->check(CLI::IsMember({"trimmed", "ransac", "streaming"}))
       ->group(group);
   verb.add_flag("--no-bidirectional", flags.no_bidirectional,
                 "Tie neighbouring CELLs by odometry alone")

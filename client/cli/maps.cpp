@@ -17,6 +17,7 @@ struct Options {
   std::size_t limit = 1000;
   std::uint64_t since = 0;
   bool all = false;
+  std::string lattice = to_string(LatticeKind::kFibonacci);
   std::uint32_t lattice_size = LatticeSpec{}.size;
 };
 
@@ -31,7 +32,7 @@ void list_maps(const Options& options, const Console& console) {
 }
 
 void create_map(const Options& options, const Console& console) {
-  const LatticeSpec lattice{LatticeKind::kFibonacci, options.lattice_size};
+  const LatticeSpec lattice{lattice_kind_from(options.lattice), options.lattice_size};
   const MapInfo map =
       options.place.store.empty()
           ? connect(options.place).create_map(options.map, lattice)
@@ -105,14 +106,19 @@ void add_list(CLI::App& app, Verbs& verbs) {
                              "  cellmap maps create town --lattice-size 20000 --server URL\n"
                              "  cellmap maps delete town --server URL\n",
                              [options](const Console& console) { list_maps(*options, console); });
-  add_place_options(*list, options->place, true);
+  add_place_options(*list, options->place, true, true);
 
   const auto created = std::make_shared<Options>();
   CLI::App* create = verbs.add(*list, "create", "Make an empty map",
                                "  cellmap maps create town --server http://127.0.0.1:8080\n",
                                [created](const Console& c) { create_map(*created, c); });
   create->add_option("MAP", created->map, "1 to 64 characters [a-z0-9_-]")->required();
-  create->add_option("--lattice-size", created->lattice_size, "Directions of its lattice")
+  create
+      ->add_option("--lattice", created->lattice, "fibonacci, or fibonacci-bands: without the sky")
+      ->capture_default_str();
+  create
+      ->add_option("--lattice-size", created->lattice_size,
+                   "Directions of its lattice, all around in its usual density")
       ->capture_default_str();
   add_place_options(*create, created->place, true);
 
@@ -135,7 +141,7 @@ void add_maps(CLI::App& app, Verbs& verbs) {
                              "  cellmap info town --store map.db --json\n",
                              [shown](const Console& console) { show_map(*shown, console); });
   info->add_option("MAP", shown->map, "Its name")->required();
-  add_place_options(*info, shown->place, true);
+  add_place_options(*info, shown->place, true, true);
 
   const auto listed = std::make_shared<Options>();
   CLI::App* cells = verbs.add(app, "cells", "List CELLs by their current poses",
@@ -143,7 +149,7 @@ void add_maps(CLI::App& app, Verbs& verbs) {
                               "  cellmap cells town --bbox \"0,0,-5,50,50,5\" --store map.db\n",
                               [listed](const Console& console) { list_cells(*listed, console); });
   cells->add_option("MAP", listed->map, "Name of the map")->required();
-  add_place_options(*cells, listed->place, true);
+  add_place_options(*cells, listed->place, true, true);
   cells->add_option("--near", listed->near, "\"x,y,z\" in the map frame; nearest come first");
   cells->add_option("--radius", listed->radius_m, "Metres around --near")
       ->check(CLI::PositiveNumber);

@@ -4,37 +4,34 @@
 #include <map>
 #include <memory>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/scan/scan.hpp"
 
 namespace cellmap::cli {
-namespace {
 
-Cell load(const Store& store, const std::string& map, CellId id) {
-  return decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes));
-}
-
-}  // namespace
-
-Relocalisation relocalise_in_store(const Store& store, const std::string& map,
-                                   const PointCloud& scan, const std::optional<PosePrior>& prior,
-                                   int threads) {
+Relocalisation relocalise_offline(MapReader& reader, const std::string& map, const PointCloud& scan,
+                                  const std::optional<PosePrior>& prior, int threads) {
   const auto begun = std::chrono::steady_clock::now();
-  const auto lattice = std::make_shared<const Lattice>(store.map(map).lattice);
-  const PoseGraph graph = store.pose_graph(map);
+  const auto lattice = std::make_shared<const Lattice>(reader.map(map).lattice);
+  const PoseGraph graph = reader.pose_graph(map);
+  std::map<CellId, CellRecord> records;
   PlaceIndex index;
-  for (const auto& [id, pose] : graph.nodes) index.add(id, load(store, map, id), *lattice);
+  const std::vector<CellRecord> cells = reader.all_cells(map);
+  reader.for_each_cell(map, cells, [&](const CellRecord& record, const EncodedCell& cell) {
+    if (!graph.nodes.contains(record.id)) return;  // added since the pose graph was read
+    index.add(record.id, decode_cell(cell.bytes), *lattice);
+    records.emplace(record.id, record);
+  });
   const TargetProvider targets = [&](CellId id) {
     return std::make_shared<const RegistrationTarget>(
-        std::make_shared<const Cell>(load(store, map, id)), lattice);
+        std::make_shared<const Cell>(decode_cell(reader.cell(map, records.at(id)).bytes)), lattice);
   };
   RelocaliseOptions options;
   options.threads = threads;
   const Scan clean = filter_scan(scan, 0, {});
   Relocalisation result;
   result.answer = index.relocalise(clean.points, graph, targets, prior, options);
-  if (result.answer.found) result.cell_hash = store.cell(map, result.answer.found->cell).hash;
+  if (result.answer.found) result.cell_hash = records.at(result.answer.found->cell).hash;
   result.revision = graph.revision;
   result.time_ms =
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count();

@@ -4,14 +4,14 @@
 #include <string>
 
 #include "cellmap/client/resources.hpp"
-#include "cellmap/store/store.hpp"
+#include "client/cli/map_reader.hpp"
 
 namespace cellmap::cli {
 
-/// What the server does for a scan, done here on a store: describes every CELL, searches,
-/// registers. Decodes the whole map once (about a millisecond a CELL). `threads` 0: all.
-Relocalisation relocalise_in_store(const Store& store, const std::string& map,
-                                   const PointCloud& scan, const std::optional<PosePrior>& prior,
-                                   int threads);
+/// What the server does for a scan, done here on a store or a mirror: describes every CELL that
+/// `reader` has, searches, registers. Decodes them once (about a millisecond a CELL). `threads` 0:
+/// all.
+Relocalisation relocalise_offline(MapReader& reader, const std::string& map, const PointCloud& scan,
+                                  const std::optional<PosePrior>& prior, int threads);
 
 }  // namespace cellmap::cli

@@ -70,10 +70,11 @@ void run(const Options& options, const Console& console) {
   const auto prior = prior_of(options);
   const auto truth = truth_of(options);
   const PointCloud scan = read_scan(options.scan);
-  const Relocalisation answer =
-      options.place.store.empty() ? connect(options.place).relocalise(options.map, scan, prior)
-                                  : relocalise_in_store(*open_existing_store(options.place.store),
-                                                        options.map, scan, prior, options.threads);
+  const bool offline = !options.place.store.empty() || !options.place.mirror.empty();
+  const Relocalisation answer = offline
+                                    ? relocalise_offline(*open_reader(options.place), options.map,
+                                                         scan, prior, options.threads)
+                                    : connect(options.place).relocalise(options.map, scan, prior);
   client::Json json = client::to_json(answer);
   std::string text = answer_text(answer);
   if (truth && answer.answer.found) {
@@ -100,7 +101,7 @@ void add_relocalise(CLI::App& app, Verbs& verbs) {
                 [options](const Console& console) { run(*options, console); });
   verb->add_option("SCAN", options->scan, "One scan: .bin (KITTI), .pcd or .ply")->required();
   verb->add_option("--map", options->map, "Name of the map")->required();
-  add_place_options(*verb, options->place, true);
+  add_place_options(*verb, options->place, true, true);
   auto* prior = verb->add_option("--prior", options->prior,
                                  "Roughly known T_map_scan as \"x y z qx qy qz qw\"");
   verb->add_option("--radius", options->radius_m, "The truth is within this of the prior, metres")

@@ -52,6 +52,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_cell_routes(router_, *services_);
   add_cell_batch_route(router_, *services_);
   add_pose_graph_routes(router_, *services_);
+  add_change_routes(router_, *services_);
   add_relocalise_route(router_, *services_);
   add_loop_routes(router_, *services_);
   add_job_routes(router_, *services_);
@@ -59,7 +60,11 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
 
 Api::~Api() = default;
 
-void Api::stop() { services_->jobs.stop(); }
+void Api::stop() {
+  services_->stopping = true;
+  services_->store.committed().notify();
+  services_->jobs.stop();
+}
 
 std::size_t Api::max_body(const std::string& method, const std::string& target) const {
   const auto path = std::string_view(target).substr(0, target.find_first_of("?#"));

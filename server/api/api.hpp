@@ -21,7 +21,7 @@ struct ApiOptions {
   int threads = 0;          ///< of one relocalisation or optimisation; 0: all
   int relocalisations = 2;  ///< that run at a time; others wait up to `relocalisation_wait`
   std::chrono::milliseconds relocalisation_wait = std::chrono::seconds(10);
-  int max_followers = 64;  ///< clients that follow jobs at a time
+  int max_followers = 64;  ///< clients that follow jobs or maps at a time
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
   MapsOptions maps;
   JobQueueOptions jobs;
@@ -39,6 +39,7 @@ struct Services {
   JobQueue jobs;
   std::counting_semaphore<> relocalisations;
   std::atomic<int> followers = 0;
+  std::atomic<bool> stopping = false;  ///< streams and long polls end
 };
 
 /// The HTTP API as a function from request to response; schema/openapi.yaml describes it. Knows no
@@ -72,6 +73,7 @@ void add_map_routes(Router& router, Services& services);
 void add_cell_routes(Router& router, Services& services);
 void add_cell_batch_route(Router& router, Services& services);
 void add_pose_graph_routes(Router& router, Services& services);
+void add_change_routes(Router& router, Services& services);
 void add_relocalise_route(Router& router, Services& services);
 void add_loop_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);

@@ -4,6 +4,7 @@
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
+#include "server/api/follower.hpp"
 #include "server/api/problem.hpp"
 
 // /v1/maps/{map}/jobs and /v1/jobs/{job} with events, scans and complete.
@@ -14,7 +15,6 @@ namespace {
 constexpr const char* kScanType = "application/vnd.cellmap.scan";
 constexpr std::size_t kMaxJobBody = 64u << 10;
 constexpr std::size_t kMaxScanBody = 33u << 20;
-constexpr std::chrono::milliseconds kShortestEventInterval(100);
 
 template <typename T>
 Json number_or_null(const std::optional<T>& value) {
@@ -93,25 +93,6 @@ Response put_scan(Services& services, const Call& call) {
   response.status = 204;
   return response;
 }
-
-/// One client that follows a job; at most `max_followers` at a time.
-class Follower {
- public:
-  explicit Follower(Services& services) : services_(services) {
-    const int count = ++services_.followers;
-    if (count > services_.options.max_followers) {
-      --services_.followers;
-      throw Error(ErrorCode::kUnavailable, "Too many clients follow jobs; poll the job instead.");
-    }
-    services_.metrics.set_followers(count);
-  }
-  ~Follower() { services_.metrics.set_followers(--services_.followers); }
-  Follower(const Follower&) = delete;
-  Follower& operator=(const Follower&) = delete;
-
- private:
-  Services& services_;
-};
 
 /// The stream of one follower: its state between two pieces.
 class Events {

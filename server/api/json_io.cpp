@@ -192,7 +192,9 @@ Json to_json(const Constraint& constraint) {
           {"scores", to_json(constraint.scores)}};
 }
 
-Json to_json(const LatticeSpec& lattice) { return {{"kind", "fibonacci"}, {"size", lattice.size}}; }
+Json to_json(const LatticeSpec& lattice) {
+  return {{"kind", to_string(lattice.kind)}, {"size", lattice.size}};
+}
 
 Json to_json(const MapInfo& map) {
   Json bounds;
@@ -246,10 +248,7 @@ Json to_json(const PoseGraph& graph) {
 LatticeSpec lattice_from_json(const Json& json) {
   ObjectReader reader(json, "lattice");
   LatticeSpec spec;
-  if (const auto kind = reader.text("kind"); kind && *kind != "fibonacci") {
-    throw Error(ErrorCode::kUnsupported,
-                "This server knows the lattice kind 'fibonacci', not " + in_quotes(*kind) + ".");
-  }
+  if (const auto kind = reader.text("kind")) spec.kind = lattice_kind_from(*kind);
   if (const auto size = reader.integer("size", UINT32_MAX)) {
     spec.size = static_cast<std::uint32_t>(*size);
   }

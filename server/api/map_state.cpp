@@ -4,12 +4,11 @@
 #include <atomic>
 
 #include "cellmap/codec/cell_codec.hpp"
-#include "cellmap/codec/zstd.hpp"
 
 namespace cellmap::server {
 
 Cell load_cell(const Store& store, const std::string& map, CellId id) {
-  return decode_cell(zstd_decompress(*store.compressed_cell(map, id), kMaxCellBytes));
+  return decode_stored_cell(*store.compressed_cell(map, id));
 }
 
 std::shared_ptr<const RegistrationTarget> TargetCache::find(std::uint64_t map_key, CellId id) {

@@ -7,7 +7,7 @@
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
-// /v1/maps/{map}/pose-graph, /changes and /trajectory.
+// /v1/maps/{map}/pose-graph and /trajectory.
 
 namespace cellmap::server {
 namespace {
@@ -45,24 +45,6 @@ Response pose_graph(Services& services, const Call& call) {
     response.body = SharedBytes{bytes, 0, bytes->size()};
   }
   return response;
-}
-
-Response changes(Services& services, const Call& call) {
-  const Revision since = call.query_integer("since", 0, INT64_MAX).value_or(0);
-  const MapChanges changes = services.store.changes(call.path("map"), since);
-  Json added = Json::array(), constraints = Json::array(), removed = Json::array();
-  for (const auto& cell : changes.added) added.push_back(to_json(cell));
-  for (const auto& constraint : changes.added_constraints) {
-    constraints.push_back(to_json(constraint));
-  }
-  for (const auto id : changes.removed_constraints) removed.push_back(id.value);
-  return json_response({{"since", changes.since},
-                        {"revision", changes.revision},
-                        {"added", std::move(added)},
-                        {"moved", nodes_to_json(changes.moved)},
-                        {"removed", Json::array()},
-                        {"added_constraints", std::move(constraints)},
-                        {"removed_constraints", std::move(removed)}});
 }
 
 /// One of the words that a parameter can be; the first is the default.
@@ -110,10 +92,6 @@ void add_pose_graph_routes(Router& router, Services& services) {
   router.add({"GET", "/v1/maps/{map}/pose-graph", {"revision"}, 0, {}, [&](const Call& call) {
                 return pose_graph(services, call);
               }});
-  router.add(
-      {"GET", "/v1/maps/{map}/changes", {"since"}, 0, {"application/json"}, [&](const Call& call) {
-         return changes(services, call);
-       }});
   router.add({"GET",
               "/v1/maps/{map}/trajectory",
               {"session", "format", "stage"},

@@ -57,11 +57,12 @@ MapperOptions parse_options(const Json& json) {
   if (const auto count = reader.integer("min_points", UINT32_MAX)) {
     options.build.min_points = static_cast<std::uint32_t>(*count);
   }
-  if (const auto fit = reader.text("fit")) {
-    if (*fit != "trimmed" && *fit != "ransac") {
-      invalid("Expected fit to be trimmed or ransac, found " + in_quotes(*fit) + ".");
+  if (const auto name = reader.text("fit")) {
+    const auto fit = plane_fit_from(*name);
+    if (!fit) {
+      invalid("Expected fit to be trimmed, ransac or streaming, found " + in_quotes(*name) + ".");
     }
-    options.build.fit = *fit == "ransac" ? PlaneFit::kRansac : PlaneFit::kTrimmed;
+    options.build.fit = *fit;
   }
   reader.finish();
   options.validate();

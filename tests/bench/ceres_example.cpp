@@ -36,11 +36,12 @@ struct RelativePoseError {
   }
 };
 
-/// From the left perturbation exp(xi) * T, where the position error is rho + phi x p, to
-/// independent errors of position and rotation.
+/// From the left perturbation exp(xi) * T, where the position error is rho + phi x p and that of
+/// the rotation, which the example turns around, -phi.
 Matrix6d example_information(const Constraint& c) {
   Matrix6d to_xi = Matrix6d::Identity();  // xi = to_xi * (position error, rotation error)
-  to_xi.topRightCorner<3, 3>() = skew(c.T_from_to.translation());
+  to_xi.topRightCorner<3, 3>() = -skew(c.T_from_to.translation());
+  to_xi.bottomRightCorner<3, 3>() *= -1;
   return to_xi.transpose() * c.information * to_xi;
 }
 

@@ -1,10 +1,12 @@
 #include <benchmark/benchmark.h>
 
 #include <cmath>
+#include <optional>
 
 #include "bench/instruction_sets.hpp"
 #include "bench/rows.hpp"
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/cell/cell_builder.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/simulation/random.hpp"
 
@@ -76,6 +78,49 @@ void check_planes(const Setting& setting, const CellPair& pair) {
                         std::to_string(baseline) + ")");
 }
 
+/// A scan of a local map with its odometry pose, as it came.
+PosedScan scan_of(const LocalMap& map, std::size_t k) {
+  const Pose& T_cell_scan = map.scans()[k].T_cell_scan;
+  PointCloud points;
+  for (std::size_t i = k == 0 ? 0 : map.scan_ends()[k - 1]; i < map.scan_ends()[k]; ++i) {
+    points.push_back(map.points()[i]);
+  }
+  PosedScan scan;
+  scan.points = transformed(points, T_cell_scan.inverse());
+  scan.T_odom_sensor = map.T_odom_cell() * T_cell_scan;
+  return scan;
+}
+
+/// What is left to do when the last scan of a CELL comes: ours has taken in the others.
+void last_scan_row(const Setting& setting, const CellPair& pair, PlaneFit fit, const AddRow& add) {
+  const std::size_t scans = pair.local_map_a.scans().size();
+  const PosedScan last = scan_of(pair.local_map_a, scans - 1);
+  std::vector<PosedScan> before;
+  for (std::size_t k = 1; k + 1 < scans; ++k) before.push_back(scan_of(pair.local_map_a, k));
+  const CellBuildOptions options{.fit = fit};
+  std::optional<LocalMap> map;
+  std::optional<CellBuilder> builder;
+  const Contestant ours{[&] {
+                          map->add({.points = last.points}, last.T_odom_sensor);
+                          benchmark::DoNotOptimize(builder->finish(*map));
+                        },
+                        [&] {
+                          map.emplace(pair.local_map_a.base_scan(), pair.local_map_a.T_odom_cell(),
+                                      0);
+                          builder.emplace(*setting.lattice, options);
+                          for (const PosedScan& scan : before) {
+                            map->add({.points = scan.points}, scan.T_odom_sensor);
+                            builder->update(*map);
+                          }
+                        }};
+  const Contestant baseline{[&] {
+    benchmark::DoNotOptimize(
+        build_cell_paper_way(pair.local_map_a.points(), *setting.tree, options.threads));
+  }};
+  add(duration_row("cell_generation", 1, "ms", 1e-3, compare(ours, baseline, setting.effort(6, 1)),
+                   pair.data + ", " + to_string(fit) + ", after the last scan"));
+}
+
 }  // namespace
 
 void require_agreement(bool holds, const std::string& what) {
@@ -107,6 +152,9 @@ void cell_rows(const Setting& setting, const AddRow& add) {
       row.extra["points"] = pair.local_map_a.points().size();
       row.extra["paper_ms"] = kPaperSegmentationMs + kPaperExtractionMs;
       add(std::move(row));
+    }
+    for (const PlaneFit fit : {PlaneFit::kTrimmed, PlaneFit::kStreaming}) {
+      last_scan_row(setting, pair, fit, add);
     }
   }
 }

@@ -125,6 +125,13 @@ struct Motion {
   }
 };
 
+/// Correspondences of the whole scan: a growing list a chunk, one after the other.
+using Correspondences = std::vector<std::vector<Correspondence>>;
+
+std::size_t chunks_of(const PaperTerm& term) {
+  return (term.scan->size() + kPointsAChunk - 1) / kPointsAChunk;
+}
+
 std::vector<Correspondence> correspondences(const PaperTerm& term, const LatticeTree& tree,
                                             const Motion& motion, std::size_t begin,
                                             std::size_t end) {
@@ -139,6 +146,15 @@ std::vector<Correspondence> correspondences(const PaperTerm& term, const Lattice
     found.push_back({point, normal, plane.distance_m * tree.direction(index).cast<double>()});
   }
   return found;
+}
+
+Correspondences correspondences(const PaperTerm& term, const LatticeTree& tree,
+                                const Motion& motion, int threads) {
+  Correspondences lists(chunks_of(term));
+  parallel_for(term.scan->size(), kPointsAChunk, threads, [&](std::size_t begin, std::size_t end) {
+    lists[begin / kPointsAChunk] = correspondences(term, tree, motion, begin, end);
+  });
+  return lists;
 }
 
 template <JacobianSize size>
@@ -188,17 +204,17 @@ System system_of(const std::vector<Correspondence>& list, bool reverse, const Mo
   return {H, g};
 }
 
+/// As the paper times it: first the correspondences of all points, then the pose from their list.
 System system_of(const PaperTerm& term, const LatticeTree& tree, const Pose& T,
                  const PaperRegistration& options) {
   const Motion motion(term, T);
-  const std::size_t count = term.scan->size();
-  std::vector<System> chunks((count + kPointsAChunk - 1) / kPointsAChunk);
-  parallel_for(count, kPointsAChunk, options.threads, [&](std::size_t begin, std::size_t end) {
-    const auto list = correspondences(term, tree, motion, begin, end);
-    chunks[begin / kPointsAChunk] =
+  const Correspondences lists = correspondences(term, tree, motion, options.threads);
+  std::vector<System> chunks(lists.size());
+  parallel_for(lists.size(), 1, options.threads, [&](std::size_t chunk, std::size_t) {
+    chunks[chunk] =
         options.jacobians == JacobianSize::kDynamic
-            ? system_of<JacobianSize::kDynamic>(list, term.reverse, motion, options.gate_m)
-            : system_of<JacobianSize::kFixed>(list, term.reverse, motion, options.gate_m);
+            ? system_of<JacobianSize::kDynamic>(lists[chunk], term.reverse, motion, options.gate_m)
+            : system_of<JacobianSize::kFixed>(lists[chunk], term.reverse, motion, options.gate_m);
   });
   System sum;
   for (const System& chunk : chunks) {

@@ -1,9 +1,13 @@
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 
 #include "bench/ceres_example.hpp"
 #include "bench/loopy_graph.hpp"
 #include "bench/rows.hpp"
+#include "support/real_data.hpp"
 
 namespace cellmap::bench {
 namespace {
@@ -56,6 +60,47 @@ PoseGraph with_one_new_loop(const PoseGraph& start) {
   return graph;
 }
 
+/// Both from the file's poses, every loop in full; ours from the chordal start where that is
+/// better.
+Row public_graph_row(const std::filesystem::path& file, const Effort& effort) {
+  std::ostringstream text;
+  text << std::ifstream(file).rdbuf();
+  const PoseGraph start = pose_graph_from_g2o(text.str());
+  PoseGraphOptions options;
+  options.loop_loss_scale = 0;
+  options.start = GraphStart::kBest;
+  PoseGraph ours, example;
+  PoseGraphSummary solved;
+  const Comparison comparison =
+      compare({[&] { solved = optimize(ours, options); }, [&] { ours = start; }},
+              {[&] { optimize_as_ceres_example(example, 1); }, [&] { example = start; }}, effort);
+  const double example_cost = optimize(example, options).initial_cost;
+  char agreement[160];
+  std::snprintf(agreement, sizeof(agreement), "%s: cost %.9g, of the example %.9g",
+                file.stem().c_str(), solved.final_cost, example_cost);
+  require_agreement(solved.converged && solved.final_cost <= example_cost * (1 + 1e-7), agreement);
+  Row row = duration_row("pose_graph_public", 1, "ms", 1e-3, comparison, file.stem().string());
+  row.extra["cost"] = solved.final_cost;
+  row.extra["baseline_cost"] = example_cost;
+  row.extra["iterations"] = solved.iterations;
+  row.extra["nodes"] = start.nodes.size();
+  row.extra["constraints"] = start.constraints.size();
+  return row;
+}
+
+void public_graph_rows(const Setting& setting, const AddRow& add) {
+  for (const char* name :
+       {"smallGrid3D", "parking-garage", "sphere2500", "sphere_bignoise_vertex3"}) {
+    const auto file = test::real_data("g2o") / (std::string(name) + ".g2o");
+    if (!std::filesystem::exists(file)) continue;
+    add(public_graph_row(file, {.seconds = setting.quick ? 1.0 : 20.0,
+                                .min_pairs = setting.quick ? 1 : 3,
+                                .max_pairs = 50,
+                                .warm_up = false}));
+    if (setting.quick) return;
+  }
+}
+
 }  // namespace
 
 void pose_graph_rows(const Setting& setting, const AddRow& add) {
@@ -69,6 +114,8 @@ void pose_graph_rows(const Setting& setting, const AddRow& add) {
   }
   add(compare_solvers("pose_graph_kitti00", route + ", one new loop", with_one_new_loop(city), 1,
                       setting.effort(4, 1)));
+
+  public_graph_rows(setting, add);
 
   const PoseGraph large = loopy_graph(street_grid_poses(10'000), 11);
   const Effort effort = {.seconds = setting.quick ? 0.0 : 20.0,

@@ -166,15 +166,15 @@ TEST(FitPlane, IsTheSmallestEigenvectorOfTheCovariance) {
   for (int trial = 0; trial < 200; ++trial) {
     const Eigen::Vector3d scale(1, std::pow(10, -0.02 * trial), 1e-3 * (1 + trial % 7));
     const Eigen::Matrix3d R = Eigen::Quaterniond::UnitRandom().toRotationMatrix();
-    std::vector<PatchPoint> points;
+    PointCloud cloud;
     for (int i = 0; i < 20; ++i) {
       const Eigen::Vector3d p(normal(rng), normal(rng), normal(rng));
-      const Eigen::Vector3f q =
-          (R * scale.cwiseProduct(p) + Eigen::Vector3d(30, -20, 5)).cast<float>();
-      points.push_back({q.x(), q.y(), q.z(), 0});
+      cloud.push_back((R * scale.cwiseProduct(p) + Eigen::Vector3d(30, -20, 5)).cast<float>());
     }
+    PatchPoints points(cloud.x.data(), cloud.y.data(), cloud.z.data(), cloud.size());
+    points.keep(cloud.size());
     Eigen::Matrix3Xd P(3, points.size());
-    for (std::size_t i = 0; i < points.size(); ++i) P.col(i) = position(points[i]);
+    for (std::size_t i = 0; i < points.size(); ++i) P.col(i) = points[i];
     const Eigen::Vector3d mean = P.rowwise().mean();
     const Eigen::Matrix3d C = (P.colwise() - mean) * (P.colwise() - mean).transpose() / 20;
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> twin(C);

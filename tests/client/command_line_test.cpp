@@ -107,7 +107,7 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{{"simulate", "--scans", "many", "--out", "x"}, kUsageError, "--scans"},
         Wrong{{"ingest", "d", "--map", "m", "--fit", "guess"}, kUsageError, "trimmed"},
         Wrong{{"build", "d", "--map", "m", "--loop-acceptance", "all"}, kUsageError, "scores"},
-        Wrong{{"info", "m"}, kInvalid, "--server http://HOST:PORT or --store FILE"},
+        Wrong{{"info", "m"}, kInvalid, "--server http://HOST:PORT, --store FILE or --mirror DIR"},
         Wrong{{"fetch", "m", "1"}, kInvalid, "CELLMAP_SERVER"},
         Wrong{{"info", "m", "--server", "ftp://x"}, kInvalid, "http://HOST:PORT"},
         Wrong{{"info", "m", "--store", "/no/such.db"},

@@ -5,10 +5,10 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "cellmap/client/files.hpp"
 #include "cellmap/client/json.hpp"
-#include "cellmap/codec/cell_batch.hpp"
-#include "client/fake_server.hpp"
-#include "codec/samples.hpp"
+#include "cellmap/client/pull.hpp"
+#include "client/fake_map.hpp"
 #include "support/expect_error.hpp"
 #include "support/temp_folder.hpp"
 
@@ -16,92 +16,7 @@ namespace cellmap {
 namespace {
 
 using client::Json;
-using test::answer_json;
-
-/// A map that a test grows, behind the three routes that a pull uses.
-struct FakeMap {
-  struct Entry {
-    EncodedCell cell;
-    CellRecord record;
-  };
-  Stamp created = 1'795'319'109'125'000'000;
-  Revision revision = 0;
-  std::map<CellId, Entry> cells;
-  std::vector<std::pair<Revision, Constraint>> constraints;
-  std::vector<std::vector<std::uint32_t>> batches;  ///< ids of each batch that was asked for
-
-  void add(std::uint32_t id) {
-    ++revision;
-    const Cell cell = random_cell(id, 40, 1000);
-    Entry entry{encode_cell(cell), {}};
-    entry.record.id = CellId{id};
-    entry.record.hash = entry.cell.hash;
-    entry.record.added = entry.record.moved = revision;
-    entry.record.session = cell.session;
-    cells[CellId{id}] = std::move(entry);
-    if (!cells.contains(CellId{id - 1})) return;
-    Constraint constraint;
-    constraint.id = ConstraintId{id};
-    constraint.from = CellId{id - 1};
-    constraint.to = CellId{id};
-    constraints.emplace_back(revision, constraint);
-  }
-
-  void move(std::uint32_t id, double x) {
-    CellRecord& record = cells.at(CellId{id}).record;
-    record.T_map_cell.translation().x() = x;
-    record.moved = ++revision;
-  }
-
-  std::string summary() const {
-    MapInfo info;
-    info.name = "m";
-    info.created = created;
-    info.revision = revision;
-    info.cells = cells.size();
-    return client::dump(client::to_json(info));
-  }
-
-  std::string changes(Revision since) const {
-    Json json = {{"since", since}, {"revision", revision}};
-    json["added"] = json["moved"] = json["removed"] = json["removed_constraints"] = Json::array();
-    json["added_constraints"] = Json::array();
-    for (const auto& [id, entry] : cells) {
-      const CellRecord& record = entry.record;
-      if (record.added > since) {
-        json["added"].push_back(client::to_json(record));
-      } else if (record.moved > since) {
-        json["moved"].push_back({{"id", id.value}, {"pose", client::to_json(record.T_map_cell)}});
-      }
-    }
-    for (const auto& [added, constraint] : constraints) {
-      if (added > since) json["added_constraints"].push_back(client::to_json(constraint));
-    }
-    return client::dump(json);
-  }
-
-  std::string batch(const std::string& request) {
-    Bytes bytes;
-    batches.emplace_back();
-    const Json wanted = client::parse_json(request);
-    for (const Json& id : wanted.at("ids")) {
-      batches.back().push_back(id);
-      append_to_batch(bytes, CellId{id}, cells.at(CellId{id}).cell.bytes);
-    }
-    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-  }
-
-  test::FakeServer server{[this](const httplib::Request& request, httplib::Response& response) {
-    if (request.path.ends_with("/changes")) {
-      answer_json(response, changes(std::stoull(request.get_param_value("since"))));
-    } else if (request.path.ends_with("/cells:batch")) {
-      response.set_header("CELLmap-Revision", std::to_string(revision));
-      response.set_content(batch(request.body), "application/vnd.cellmap.cells");
-    } else {
-      answer_json(response, summary());
-    }
-  }};
-};
+using test::FakeMap;
 
 class Pull : public testing::Test {
  protected:
@@ -192,6 +107,59 @@ TEST_F(Pull, ABrokenOffOneLeavesTheMirrorAsItWas) {
   map.cells.at(CellId{1}).cell.bytes.resize(50);  // what the server sends fails its hash
   EXPECT_THROW(pull(), Error);
   EXPECT_EQ(read_mirror(folder / "mirror").revision, 1u);
+}
+
+TEST_F(Pull, PosesKeepTheirLastBits) {
+  map.add(0);
+  map.cells.at(CellId{0}).record.T_map_cell = exp((Tangent() << 1, 2, 3, 0.1, 0.2, 0.3).finished());
+  pull();
+  const Mirror mirror = read_mirror(folder / "mirror");
+  EXPECT_EQ(mirror.cells.at(CellId{0}).T_map_cell.matrix(),
+            mirror.pose_graph.nodes.at(CellId{0}).matrix());
+}
+
+TEST_F(Pull, ASecondProcessIsKeptOut) {
+  map.add(0);
+  pull();
+  Client client(test::options_for(map.server));
+  PullOptions options;
+  options.on_cell = [&](std::size_t, std::size_t) {
+    test::expect_error(
+        ErrorCode::kConflict, [&] { pull(); }, "another process");
+  };
+  map.add(1);
+  EXPECT_EQ(pull_map(client, "m", folder / "mirror", options).fetched, 1u);
+}
+
+TEST_F(Pull, WhatADeadProcessLeftIsRemoved) {
+  map.add(0);
+  pull();
+  const auto left = folder / "mirror" / "cells" / "abc.cell.tmp1-2";
+  std::ofstream(left) << "half";
+  pull();
+  EXPECT_FALSE(std::filesystem::exists(left));
+}
+
+TEST_F(Pull, ADamagedCellIsNamedWithWhatToDo) {
+  map.add(0);
+  pull();
+  const ContentHash hash = map.cells.at(CellId{0}).cell.hash;
+  EXPECT_TRUE(read_mirrored_cell(folder / "mirror", hash));
+  std::ofstream(cell_file(0), std::ios::in | std::ios::out).seekp(99) << "X";
+  test::expect_error(
+      ErrorCode::kCorruptData, [&] { read_mirrored_cell(folder / "mirror", hash); }, to_hex(hash),
+      "pull again");
+}
+
+TEST_F(Pull, AStateOfAnotherVersionIsNotGuessedAt) {
+  map.add(0);
+  pull();
+  const auto state = folder / "mirror" / "mirror.json";
+  Json json = client::parse_json(client::as_text(*client::read_file(state, 1 << 20)));
+  json["version"] = 3;
+  client::write_file_atomically(state, client::dump(json));
+  test::expect_error(
+      ErrorCode::kUnsupported, [&] { read_mirror(folder / "mirror"); }, "version 2");
 }
 
 TEST(Mirror, AFolderWithoutOneSaysHowToMakeIt) {

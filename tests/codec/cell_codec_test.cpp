@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 
+#include "cellmap/codec/zstd.hpp"
 #include "codec/raw_buffer.hpp"
 #include "codec/samples.hpp"
 #include "support/expect_error.hpp"
@@ -104,6 +105,32 @@ TEST(CellCodec, ARefusedCellIsNotEncoded) {
   cell = random_cell(6, 10);
   cell.lattice.kind = LatticeKind{9};
   expect_error(ErrorCode::kUnsupported, [&] { encode_cell(cell); });
+}
+
+TEST(CellCodec, ACellOutOfAStoreIsVerifiedButNotHashed) {
+  const Cell cell = random_cell(9, 40);
+  Bytes bytes = encode_cell(cell).bytes;
+  expect_equal(decode_stored_cell(zstd_compress(bytes)), cell);
+  RawBuffer raw(bytes);
+  raw.set<float>(plane_at(raw, 3), kNan);
+  expect_error(ErrorCode::kCorruptData, [&] { decode_stored_cell(zstd_compress(bytes)); });
+  bytes.resize(bytes.size() / 2);
+  expect_error(ErrorCode::kCorruptData, [&] { decode_stored_cell(zstd_compress(bytes)); });
+}
+
+TEST(CellCodec, ACellOfBandsSurvivesTheRoundTripAndKeepsInsideItsDirections) {
+  Cell cell = random_cell(10, 0);
+  cell.lattice = {LatticeKind::kFibonacciBands, 1'000};
+  const Lattice lattice(cell.lattice);
+  for (const std::uint32_t i : {0U, 400U, lattice.size() - 1}) {
+    const Eigen::Vector3f n = -lattice.direction(i).cast<float>();
+    cell.indices.push_back(i);
+    cell.planes.push_back({5.0f, n.x(), n.y(), n.z()});
+  }
+  expect_equal(decode_cell(encode_cell(cell).bytes), cell);
+  cell.indices.back() = lattice.size();
+  expect_error(
+      ErrorCode::kCorruptData, [&] { encode_cell(cell); }, "outside its lattice");
 }
 
 TEST(CellCodec, EveryBrokenRuleIsNamed) {

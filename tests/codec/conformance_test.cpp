@@ -11,6 +11,7 @@
 
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/cell_json.hpp"
+#include "cellmap/codec/changes_codec.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/geometry/lattice.hpp"
@@ -89,8 +90,9 @@ void expect_statistics(const CellStatistics& statistics, const Json& twin) {
 }
 
 void expect_cell(const Cell& cell, const Json& twin) {
-  EXPECT_EQ(twin.at("lattice").at("kind"), "Fibonacci");
-  EXPECT_EQ(cell.lattice.kind, LatticeKind::kFibonacci);
+  EXPECT_EQ(twin.at("lattice").at("kind"), cell.lattice.kind == LatticeKind::kFibonacciBands
+                                               ? "FibonacciBands"
+                                               : "Fibonacci");
   EXPECT_EQ(cell.lattice.size, twin.at("lattice").at("size"));
   EXPECT_EQ(cell.indices, twin.at("indices").get<std::vector<std::uint32_t>>());
   ASSERT_EQ(cell.planes.size(), twin.at("planes").size());
@@ -208,6 +210,57 @@ TEST(Conformance, PoseGraphsSayWhatTheirTwinsSay) {
   }
 }
 
+void expect_added(const CellRecord& cell, const Json& twin) {
+  EXPECT_EQ(cell.id.value, twin.at("cell"));
+  EXPECT_EQ(cell.hash, hash_in(twin.at("hash")));
+  EXPECT_EQ(cell.added, twin.at("added"));
+  EXPECT_EQ(cell.moved, twin.at("moved"));
+  EXPECT_EQ(cell.T_map_cell.matrix(), pose_in(twin.at("t_map_cell")));
+  EXPECT_EQ(cell.session, twin.at("session"));
+  EXPECT_EQ(cell.sequence, twin.at("sequence"));
+  EXPECT_EQ(cell.planes, twin.at("planes"));
+  EXPECT_EQ(cell.encoded_bytes, twin.at("encoded_bytes"));
+}
+
+template <typename Ids>
+void expect_ids(const Ids& ids, const Json& twin) {
+  ASSERT_EQ(ids.size(), twin.size());
+  for (std::size_t i = 0; i < ids.size(); ++i) EXPECT_EQ(ids[i].value, twin[i]);
+}
+
+TEST(Conformance, ChangesSayWhatTheirTwinsSay) {
+  const auto files = files_with_suffix(".cchg");
+  ASSERT_GE(files.size(), 8u);
+  for (const fs::path& file : files) {
+    SCOPED_TRACE(file);
+    const MapChanges changes = decode_changes(read_bytes(file));
+    const Json twin = twin_of(file);
+    EXPECT_EQ(changes.since, twin.at("since"));
+    EXPECT_EQ(changes.revision, twin.at("revision"));
+    ASSERT_EQ(changes.added.size(), twin.at("added").size());
+    for (std::size_t i = 0; i < changes.added.size(); ++i) {
+      expect_added(changes.added[i], twin["added"][i]);
+    }
+    const Json decoded = twin.at("decoded");
+    ASSERT_EQ(changes.moved.size(), decoded.at("moved").size());
+    for (const Json& moved : decoded["moved"]) {
+      const CellId cell{moved.at("cell").get<std::uint32_t>()};
+      EXPECT_EQ(changes.moved.at(cell).matrix(), pose_in(moved.at("t_map_cell")));
+    }
+    expect_ids(changes.removed, decoded.value("removed", Json::array()));
+    ASSERT_EQ(changes.added_constraints.size(), twin.at("added_constraints").size());
+    for (std::size_t i = 0; i < changes.added_constraints.size(); ++i) {
+      expect_constraint(changes.added_constraints[i], twin["added_constraints"][i]);
+    }
+    expect_ids(changes.removed_constraints, decoded.value("removed_constraints", Json::array()));
+    expect_ids(std::vector(changes.unaligned.begin(), changes.unaligned.end()),
+               decoded.value("unaligned", Json::array()));
+    if (!is_canonical(file) && file.stem() != "beyond-half-a-turn") {
+      EXPECT_EQ(encode_changes(changes), read_bytes(canonical_of(file)));
+    }
+  }
+}
+
 void expect_coordinates(const std::vector<float>& values, const Json& twin) {
   ASSERT_EQ(values.size(), twin.size());
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -241,10 +294,18 @@ TEST(Conformance, ScansSayWhatTheirTwinsSay) {
 
 TEST(Conformance, LatticeDirectionsHaveTheBitsThatTheFormatPrescribes) {
   std::ifstream stream(kFolder / "v1" / "lattice-directions.json");
-  const Json rows = Json::parse(stream);
+  std::ifstream band_stream(kFolder / "v1" / "band-directions.json");
+  Json rows = Json::parse(stream);
   ASSERT_GE(rows.size(), 40u);
+  const Json band_rows = Json::parse(band_stream);
+  ASSERT_GE(band_rows.size(), 20u);
+  rows.insert(rows.end(), band_rows.begin(), band_rows.end());
+  LatticeCache lattices;
   for (const Json& row : rows) {
-    const Lattice lattice(LatticeSpec{.size = row.at("size")});
+    const std::string kind = row.at("kind");
+    const auto shared = lattices.get({lattice_kind_from(kind), row.at("size")});
+    const Lattice& lattice = *shared;
+    EXPECT_EQ(lattice.size(), row.value("count", lattice.spec().size));
     const Eigen::Vector3d direction = lattice.direction(row.at("index"));
     for (int axis = 0; axis < 3; ++axis)
       EXPECT_EQ(direction[axis], row.at("direction")[axis]) << row;

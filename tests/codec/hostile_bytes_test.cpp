@@ -9,6 +9,7 @@
 #include <functional>
 
 #include "cellmap/codec/cell_batch.hpp"
+#include "cellmap/codec/changes_codec.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/codec/zstd.hpp"
@@ -69,6 +70,27 @@ TEST(HostileBytes, APoseGraphIsRefusedOrValid) {
   graph.constraints[0].to = CellId{2};
   const Verdicts verdicts = judge(encode_pose_graph(graph), 2, [](const Bytes& bytes) {
     encode_pose_graph(decode_pose_graph(bytes));
+  });
+  EXPECT_GT(verdicts.accepted, 0);
+  EXPECT_GT(verdicts.refused, 0);
+}
+
+TEST(HostileBytes, ChangesAreRefusedOrValid) {
+  MapChanges changes;
+  std::mt19937 rng(1);
+  changes.revision = 2;
+  for (std::uint32_t i = 1; i <= 9; ++i) changes.moved[CellId{i}] = random_pose(rng);
+  changes.added.resize(1);
+  changes.added[0].id = CellId{20};
+  changes.added[0].added = changes.added[0].moved = 2;
+  changes.added[0].session = "s";
+  changes.added_constraints.resize(1);
+  changes.added_constraints[0].id = ConstraintId{1};
+  changes.added_constraints[0].to = CellId{1};
+  changes.removed = {CellId{30}};
+  changes.unaligned = {CellId{1}, CellId{2}};
+  const Verdicts verdicts = judge(encode_changes(changes), 3, [](const Bytes& bytes) {
+    encode_changes(decode_changes(bytes));
   });
   EXPECT_GT(verdicts.accepted, 0);
   EXPECT_GT(verdicts.refused, 0);

@@ -26,12 +26,12 @@ VERSION = 1
 
 # --- The Fibonacci lattice, from FORMAT.md, "Lattices" -------------------------------------------------
 
-def lattice_direction(i, size):
+def sphere_direction(i, m, a):
     """The exact evaluation: Python's floats are binary64 and round after each operation."""
     f = i * 0x9E3779B97F4A7C15 % 2**64
-    a, b = 2 * i + 1, 2 * size - 2 * i - 1
-    z = (size - a) / size
-    r = math.sqrt(float(a * b)) / size
+    b = 2 * m - a
+    z = (m - a) / m
+    r = math.sqrt(float(a * b)) / m
     q = ((f + 2**61) % 2**64) >> 62
     rest = (f - q * 2**62) % 2**64
     x = float(rest - 2**64 if rest >= 2**63 else rest) * (2 * math.pi * 2.0**-64)
@@ -43,6 +43,29 @@ def lattice_direction(i, size):
     s *= x
     cos, sin = [(c, s), (-s, c), (-c, -s), (s, -c)][q]
     return r * cos, r * sin, z
+
+
+def lattice_direction(i, size):
+    return sphere_direction(i, size, 2 * i + 1)
+
+
+def bands(size):
+    """All directions of the kind "Fibonacci bands", each with the number of points on its sphere and its index there."""
+    for points, low, high in [(size, -0.2, 0.7), (2 * size, -0.6, -0.2), (size // 200, -2.0, -0.6)]:
+        for i in range(points):
+            x, z, y = sphere_direction(i, points - 1, 2 * i)
+            if low <= z < high:
+                yield (x, y, z), points, i
+
+
+def check_band(direction, points, i):
+    """From the definition, the golden ratio in 60 digits."""
+    getcontext().prec = 60
+    azimuth = 2 * math.pi * float(Decimal(i) / ((1 + Decimal(5).sqrt()) / 2) % 1)
+    y = 1 - Decimal(2 * i) / (points - 1)
+    r = float((1 - y * y).sqrt())
+    expected = (r * math.cos(azimuth), float(y), r * math.sin(azimuth))
+    assert max(abs(u - v) for u, v in zip(direction, expected)) < 1e-12, (i, points, direction, expected)
 
 
 def check_lattice(i, size, direction):
@@ -140,7 +163,7 @@ class Builder:
         return self.data
 
 
-# --- The three kinds of file in the library's layout ----------------------------------------------------
+# --- The four kinds of file in the library's layout -----------------------------------------------------
 
 POSE = ["r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz"]
 INFORMATION = [f"m{i}{j}" for i in range(6) for j in range(i, 6)]
@@ -161,7 +184,8 @@ def canonical_cell(t):
     planes = b.vector(packed, n, 16)
     indices = b.vector(struct.pack(f"<{n}I", *t["indices"]), n, 4)
     session = b.string(t["session"])
-    lattice = b.table({0: ("B", 1), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
+    kind = ["", "Fibonacci", "FibonacciBands"].index(t["lattice"]["kind"])
+    lattice = b.table({0: ("B", kind), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
     s = t.get("statistics", {})
     names = ["points", "points_in_planes", "patches_hit", "rejected_few_points", "rejected_gap",
              "rejected_planarity", "rejected_grazing"]
@@ -178,18 +202,46 @@ def canonical_pose_graph(t):
     b = Builder()
     packed = b"".join(struct.pack("<I4x", n["cell"]) + doubles(n["t_map_cell"], POSE) for n in t["nodes"])
     nodes = b.vector(packed, len(t["nodes"]), 8)
-    kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
-    constraints = []
-    for c in t["constraints"]:
-        s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
-        constraints.append(b.table({
-            0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
-            4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
-            6: ("struct", doubles(c["information"], INFORMATION)),
-            7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))}))
-    all_constraints = b.offsets(constraints)
+    all_constraints = b.offsets([canonical_constraint(b, c) for c in t["constraints"]])
     root = b.table({0: ("H", VERSION), 1: ("Q", t["revision"]), 2: ("ref", nodes), 3: ("ref", all_constraints)})
     return b.finish(root, b"CPGR")
+
+
+def canonical_constraint(b, c):
+    kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
+    s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
+    return b.table({
+        0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
+        4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
+        6: ("struct", doubles(c["information"], INFORMATION)),
+        7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))})
+
+
+def canonical_changes(t):
+    b, sessions, cells = Builder(), {}, []
+    for c in t["added"]:
+        if c["session"] not in sessions:
+            sessions[c["session"]] = b.string(c["session"])
+        cells.append(b.table({
+            0: ("I", c["cell"]), 1: ("struct", struct.pack("<4Q", *[c["hash"][f"word{i}"] for i in range(4)])),
+            2: ("Q", c["added"]), 3: ("Q", c["moved"]), 4: ("struct", doubles(c["t_map_cell"], POSE)),
+            5: ("ref", sessions[c["session"]]), 6: ("I", c["sequence"]), 7: ("I", c["planes"]),
+            8: ("Q", c["encoded_bytes"])}))
+    fields = {0: ("H", VERSION), 1: ("Q", t["since"]), 2: ("Q", t["revision"]), 3: ("ref", b.offsets(cells))}
+    def ids(column):
+        return b.table({0: ("I", column["count"]), 1: ("ref", b.vector(bytes(column["ids"]), len(column["ids"]), 1))})
+
+    if "moved" in t:
+        parts = [ids(t["moved"]["cells"])]
+        parts += [b.vector(bytes(t["moved"][name]), len(t["moved"][name]), 1) for name in COLUMNS]
+        fields[4] = ("ref", b.table({i: ("ref", part) for i, part in enumerate(parts)}))
+    if "removed" in t:
+        fields[5] = ("ref", ids(t["removed"]))
+    fields[6] = ("ref", b.offsets([canonical_constraint(b, c) for c in t["added_constraints"]]))
+    for ident, name in ((7, "removed_constraints"), (8, "unaligned")):
+        if name in t:
+            fields[ident] = ("ref", ids(t[name]))
+    return b.finish(b.table(fields), b"CCHG")
 
 
 def canonical_scan(t):
@@ -215,6 +267,7 @@ def seal(data):
 
 
 def flatc(schema, twin):
+    twin = {name: value for name, value in twin.items() if name != "decoded"}
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "twin.json").write_text(json.dumps(twin))
         subprocess.run(["flatc", "--binary", "-I", SCHEMA, "-o", folder, SCHEMA / f"{schema}.fbs",
@@ -233,9 +286,8 @@ def pose(x, y, z, yaw, roll=0.0):
     return dict(zip(POSE, [cy, -sy * cr, sy * sr, x, sy, cy * cr, -cy * sr, y, 0.0, sr, cr, z]))
 
 
-def facing_plane(index, size, k):
-    """A plane whose normal leans up to 40 degrees away from the line of sight."""
-    d = lattice_direction(index, size)
+def facing_plane(d, k):
+    """A plane whose normal leans up to 40 degrees away from the line of sight `d`."""
     lean = [0.4 * math.cos(k), 0.4 * math.sin(2.0 * k), 0.3 * math.cos(3.0 * k)]
     n = [-u + v for u, v in zip(d, lean)]
     norm = math.sqrt(sum(v * v for v in n))
@@ -243,10 +295,15 @@ def facing_plane(index, size, k):
     return {"distance": as_float32(3.0 + 1.7 * k), "nx": nx, "ny": ny, "nz": nz}
 
 
-def cell(size, indices, **rest):
+def cell(size, indices, kind="Fibonacci", **rest):
+    if kind == "Fibonacci":
+        directions = [lattice_direction(index, size) for index in indices]
+    else:
+        everywhere = [direction for direction, _, _ in bands(size)]
+        directions = [everywhere[index] for index in indices]
     return {"version": VERSION, "content_hash": {f"word{i}": 0 for i in range(4)},
-            "lattice": {"kind": "Fibonacci", "version": 1, "size": size}, "indices": indices,
-            "planes": [facing_plane(index, size, k) for k, index in enumerate(indices)], **rest}
+            "lattice": {"kind": kind, "version": 1, "size": size}, "indices": indices,
+            "planes": [facing_plane(d, k) for k, d in enumerate(directions)], **rest}
 
 
 CELLS = {
@@ -260,6 +317,9 @@ CELLS = {
     "largest-lattice": cell(1_000_000, [0, 499_999, 999_999], session="A.b_C-9", sequence=4_294_967_295,
                             t_odom_cell=pose(-1e6, 2e6, -3e3, -3.0), first_stamp_ns=-2**63, last_stamp_ns=2**63 - 1,
                             first_scan=4_294_967_295, scan_count=1),
+    "released-lattice": cell(50_000, [0, 1] + list(range(5_000, 42_500, 1_873)) + [42_512, 42_513, 42_561, 42_562],
+                             kind="FibonacciBands", session="released", sequence=3,
+                             t_odom_cell=pose(5.0, -6.0, 7.0, 0.5), first_stamp_ns=10, last_stamp_ns=20, scan_count=9),
 }
 
 
@@ -288,6 +348,87 @@ GRAPHS = {
     "empty-map": {"version": VERSION, "revision": 0, "nodes": [], "constraints": []},
 }
 
+# --- Changes: columns and the grid of poses, from FORMAT.md --------------------------------------------
+
+COLUMNS = ["x", "y", "z", "rx", "ry", "rz"]
+
+
+def column(values):
+    folded = []
+    for i, value in enumerate(values):
+        expected = 0 if i == 0 else values[0] if i == 1 else 2 * values[i - 1] - values[i - 2]
+        rest = value - expected
+        folded.append(2 * rest if rest >= 0 else -2 * rest - 1)
+    width = (max(folded).bit_length() + 7) // 8
+    return [value >> (8 * plane) & 255 for plane in range(width) for value in folded]
+
+
+def grid_pose(g):
+    """The exact evaluation: Python's floats are binary64 and round after each operation."""
+    x, y, z = [v * 2.0**-22 for v in g[3:]]
+    xx, yy, zz = x * x, y * y, z * z
+    s = xx + yy + zz
+    d, c = (1 + s) * (1 + s), 4 * (1 - s)
+    rows = [1 - 8 * (yy + zz) / d, (8 * x * y - c * z) / d, (8 * x * z + c * y) / d, g[0] * 2.0**-13,
+            (8 * x * y + c * z) / d, 1 - 8 * (xx + zz) / d, (8 * y * z - c * x) / d, g[1] * 2.0**-13,
+            (8 * x * z - c * y) / d, (8 * y * z + c * x) / d, 1 - 8 * (xx + yy) / d, g[2] * 2.0**-13]
+    check_rotation(g, rows)
+    return dict(zip(POSE, rows))
+
+
+def check_rotation(g, rows):
+    """The same from the definition: the parameters are axis * tan(angle / 4)."""
+    p = [v / 2**22 for v in g[3:]]
+    norm = math.sqrt(sum(v * v for v in p))
+    angle = 4 * math.atan(norm)
+    ux, uy, uz = [v / norm for v in p] if norm else [1.0, 0.0, 0.0]
+    cos, sin, k = math.cos(angle), math.sin(angle), 1 - math.cos(angle)
+    expected = [cos + ux * ux * k, ux * uy * k - uz * sin, ux * uz * k + uy * sin,
+                uy * ux * k + uz * sin, cos + uy * uy * k, uy * uz * k - ux * sin,
+                uz * ux * k - uy * sin, uz * uy * k + ux * sin, cos + uz * uz * k]
+    found = [rows[i] for i in range(12) if i % 4 != 3]
+    assert max(abs(u - v) for u, v in zip(found, expected)) < 1e-14, (g, found, expected)
+
+
+def changes(since, revision, moved, added=(), constraints=(), **id_lists):
+    """moved: CELL -> six coordinates of the grid; id_lists: removed, removed_constraints, unaligned. What the columns
+    become is in "decoded", for readers of the twin; flatc never sees it."""
+    def ids(values):
+        return {"count": len(values), "ids": column(values)}
+
+    twin = {"version": VERSION, "since": since, "revision": revision, "added": list(added),
+            "added_constraints": list(constraints), **{name: ids(values) for name, values in id_lists.items()}}
+    if moved:
+        twin["moved"] = {"cells": ids(sorted(moved)), **{name: column([moved[cell][i] for cell in sorted(moved)])
+                                                        for i, name in enumerate(COLUMNS)}}
+    return {**twin, "decoded": {"moved": [{"cell": cell, "t_map_cell": grid_pose(moved[cell])}
+                                          for cell in sorted(moved)], **id_lists}}
+
+
+def added_cell(cell, revision, session):
+    return {"cell": cell, "hash": {f"word{i}": 0x0123456789ABCDEF ^ (cell << 4 * i) for i in range(4)},
+            "added": revision, "moved": revision + 1, "t_map_cell": pose(1.5 * cell, -3.0, 0.25, 0.3),
+            "session": session, "sequence": cell - 1, "planes": 5_612, "encoded_bytes": 112_640}
+
+
+CHANGES = {
+    # A lane driven there and back: the rotation passes half a turn, where its parameters change sign.
+    "after-a-loop": changes(
+        41, 44,
+        {c: [49_152 * c, 800 * c * c - 3, -7 * c,
+             round(2**22 * 0.01 * math.sin(c)), round(2**22 * 0.003),
+             round(2**22 * math.tan((0.2 * c + math.pi) % (2 * math.pi) / 4 - math.pi / 4))] for c in range(1, 33)},
+        constraints=GRAPHS["three-cells"]["constraints"][1:], removed_constraints=[5, 4_294_967_295]),
+    "extremes": changes(
+        0, 2**63, {0: [2**37, -2**37, 0, 2**22 - 1, 0, 0], 7: [-2**37, 2**37, 1, 0, 0, 1 - 2**22],
+                   4_294_967_295: [0, 0, 0, 0, 0, 0]},
+        added=[added_cell(1, 1, "monday"), added_cell(2, 2, "tuesday"), added_cell(4_000_000_000, 3, "monday")],
+        removed=[3, 4_294_967_294], removed_constraints=[0], unaligned=list(range(1_000, 1_300))),
+    # Valid, but a writer takes the other name of the same rotation, within half a turn.
+    "beyond-half-a-turn": changes(1, 2, {5: [1, 2, 3, 2**22, -2**22, 2**22], 6: [1, 2, 3, 0, 0, -2**22]}),
+    "no-changes": changes(17, 17, {}),
+}
+
 SCANS = {
     "with-nan": {"version": VERSION, "index": 5_000_000_000, "stamp_ns": -1, "t_odom_sensor": pose(1.0, 2.0, 3.0, 0.7),
                  "x": [1.5, "nan", -0.25, 3.0], "y": [as_float32(0.1), 2.0, "-inf", 0.0],
@@ -307,6 +448,18 @@ def lattice_vectors():
     return rows
 
 
+def band_vectors():
+    for size in (1_000, 20_000, 50_000):
+        directions = list(bands(size))
+        count = len(directions)
+        borders = [k for k in range(1, count) if directions[k - 1][1] != directions[k][1]]
+        for index in sorted({0, 1, 233, count // 3, count // 2, *borders, *[k - 1 for k in borders], count - 1}):
+            direction, points, i = directions[index]
+            check_band(direction, points, i)
+            yield {"kind": "fibonacci-bands", "size": size, "count": count, "index": index,
+                   "direction": list(direction)}
+
+
 def all_files():
     for name, twin in CELLS.items():
         data = seal(flatc("cell", twin))
@@ -317,13 +470,15 @@ def all_files():
         yield f"{name}.cell", data
         yield f"{name}.canonical.cell", canonical_cell(twin)
     for schema, suffix, twins, canonical in (("pose_graph", "cpgr", GRAPHS, canonical_pose_graph),
+                                             ("changes", "cchg", CHANGES, canonical_changes),
                                              ("scan", "cscn", SCANS, canonical_scan)):
         for name, twin in twins.items():
             yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
             yield f"{name}.{suffix}", flatc(schema, twin)
             yield f"{name}.canonical.{suffix}", canonical(twin)
-    rows = ",\n ".join(json.dumps(row) for row in lattice_vectors())
-    yield "lattice-directions.json", f"[{rows}]\n".encode()
+    for name, vectors in (("lattice-directions", lattice_vectors()), ("band-directions", band_vectors())):
+        rows = ",\n ".join(json.dumps(row) for row in vectors)
+        yield f"{name}.json", f"[{rows}]\n".encode()
 
 
 def main():

@@ -11,12 +11,13 @@
 
 namespace cellmap::test {
 
-/// A real cellmapd on a free loopback port.
+/// A real cellmapd on a loopback port.
 class CellmapdProcess {
  public:
-  /// Returns once it listens. `data_root` empty: none.
-  CellmapdProcess(const std::filesystem::path& store, const std::filesystem::path& data_root = {})
-      : log_(store.string() + ".log"), process_(command(store, data_root), log_) {
+  /// Returns once it listens. `data_root` empty: none. `port` 0: any free one.
+  CellmapdProcess(const std::filesystem::path& store, const std::filesystem::path& data_root = {},
+                  int port = 0)
+      : log_(store.string() + ".log"), process_(command(store, data_root, port), log_) {
     const std::string line = process_.read_line();
     const auto at = line.find("http://");
     if (at == std::string::npos) {
@@ -47,9 +48,14 @@ class CellmapdProcess {
 
  private:
   static std::vector<std::string> command(const std::filesystem::path& store,
-                                          const std::filesystem::path& data_root) {
-    std::vector<std::string> command = {
-        CELLMAPD_PROGRAM, "--store", store.string(), "--listen", "127.0.0.1:0", "--threads", "2"};
+                                          const std::filesystem::path& data_root, int port) {
+    std::vector<std::string> command = {CELLMAPD_PROGRAM,
+                                        "--store",
+                                        store.string(),
+                                        "--listen",
+                                        "127.0.0.1:" + std::to_string(port),
+                                        "--threads",
+                                        "2"};
     if (!data_root.empty()) command.insert(command.end(), {"--data-root", data_root.string()});
     return command;
   }

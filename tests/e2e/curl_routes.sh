@@ -84,6 +84,11 @@ expect 200 - GET /v1/maps/town/pose-graph; expect 200 - GET '/v1/maps/town/pose-
 expect 404 not-found GET '/v1/maps/town/pose-graph?revision=999999'
 expect 400 invalid-argument GET '/v1/maps/town/pose-graph?revision=-1'
 expect 200 - GET '/v1/maps/town/changes?since=0'; expect 400 invalid-argument GET '/v1/maps/town/changes?since=x'
+expect 200 - GET '/v1/maps/town/changes?since=0&wait_s=1' -H 'Accept: application/vnd.cellmap.changes'
+expect 400 invalid-argument GET '/v1/maps/town/changes?since=0&wait_s=999'
+expect 400 invalid-argument GET /v1/maps/town/events -H 'Last-Event-ID: yesterday'; expect 404 not-found GET /v1/maps/none/events
+stream=$(curl -sN --max-time 2 "$url/v1/maps/town/events" || true)  # ends by the time limit
+checks=$((checks + 1)); grep -q '^event: revision' <<<"$stream" || { failures=$((failures + 1)); echo "WRONG: no event of a revision"; }
 session=$(curl -sS "$url/v1/maps/town" | python3 -c 'import json, sys; print(json.load(sys.stdin)["sessions"][0])')
 expect 200 - GET "/v1/maps/town/trajectory?session=$session&format=tum"
 expect 400 invalid-argument GET "/v1/maps/town/trajectory?session=$session&format=gpx"

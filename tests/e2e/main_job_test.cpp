@@ -192,6 +192,20 @@ TEST_F(MainJob, AMirrorHasEveryCellAndTheSecondPullFetchesNothing) {
   }
 }
 
+TEST_F(MainJob, AMirrorAnswersWithoutItsServer) {
+  const std::string mirror = (*work_ / "offline-mirror").string();
+  const auto pulled = cellmap_json(*work_, {"pull", "town", mirror, "--server", server_->url()});
+  const auto info = cellmap_json(*work_, {"info", "town", "--mirror", mirror});
+  EXPECT_EQ(info["cells"], pulled["cells"]);
+  EXPECT_EQ(info["revision"], pulled["revision"]);
+  const auto answer = cellmap_json(
+      *work_, {"relocalise", (*work_ / "query" / "velodyne" / "000030.bin").string(), "--mirror",
+               mirror, "--map", "town", "--truth-row", row(*work_ / "query" / "poses_gt.txt", 30)});
+  ASSERT_TRUE(answer["found"].get<bool>()) << answer;
+  EXPECT_LT(answer["error_m"], 0.3);
+  EXPECT_EQ(answer["revision"], pulled["revision"]);
+}
+
 TEST_F(MainJob, ExportsAreReadByOthersAndTheTrajectoryIsRight) {
   const std::string graph = (*work_ / "town.g2o").string();
   cellmap_json(*work_, at_town({"export", "graph", "--out", graph}));

@@ -4,8 +4,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <random>
 
 #include "cellmap/core/error.hpp"
@@ -57,6 +59,38 @@ TEST(Lattice, DirectionsAreTheFibonacciFormula) {
       EXPECT_NEAR(d.z(), static_cast<double>(z), 1e-15);
       EXPECT_NEAR(d.norm(), 1.0, 4e-16);
     }
+  }
+}
+
+TEST(Lattice, ManyDirectionsAtOnceHaveTheSameBitsOnEveryInstructionSet) {
+  for (const LatticeSpec spec : {LatticeSpec{LatticeKind::kFibonacci, 1'000},
+                                 {LatticeKind::kFibonacci, 50'000},
+                                 {LatticeKind::kFibonacci, 999'983},
+                                 {LatticeKind::kFibonacci, 1'000'000},
+                                 {LatticeKind::kFibonacciBands, 1'000},
+                                 {LatticeKind::kFibonacciBands, 50'000},
+                                 {LatticeKind::kFibonacciBands, 500'000}}) {
+    const Lattice lattice(spec);
+    std::vector<std::uint32_t> indices(lattice.size());
+    std::iota(indices.begin(), indices.end(), 0U);
+    std::vector<double> x(lattice.size()), y(x), z(x);
+    test::for_each_instruction_set([&](const std::string& name) {
+      lattice.directions(indices, x.data(), y.data(), z.data());
+      for (const std::uint32_t i : indices) {
+        const Eigen::Vector3d d = lattice.direction(i);
+        const auto bits = [](double value) { return std::bit_cast<std::uint64_t>(value); };
+        ASSERT_TRUE(bits(x[i]) == bits(d.x()) && bits(y[i]) == bits(d.y()) &&
+                    bits(z[i]) == bits(d.z()))
+            << name << ", " << to_string(spec) << ' ' << i;
+      }
+      for (std::size_t count = 0; count < 20; ++count) {
+        std::vector<double> a(count + 1, 7), b(a), c(a);
+        lattice.directions(std::span(indices).subspan(5, count), a.data(), b.data(), c.data());
+        EXPECT_TRUE(std::equal(a.begin(), a.end() - 1, x.begin() + 5)) << name << ' ' << count;
+        EXPECT_TRUE(std::equal(c.begin(), c.end() - 1, z.begin() + 5)) << name << ' ' << count;
+        EXPECT_EQ(a[count] + b[count] + c[count], 21) << "past the end, " << name;
+      }
+    });
   }
 }
 

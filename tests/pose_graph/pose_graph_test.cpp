@@ -7,6 +7,7 @@
 #include <random>
 
 #include "cellmap/core/error.hpp"
+#include "support/dense_pose_graph.hpp"
 
 namespace cellmap {
 namespace {
@@ -34,13 +35,12 @@ Constraint tie(std::uint32_t from, std::uint32_t to, const Pose& T_from_to, doub
   return constraint;
 }
 
-/// What the header promises: half the squared length of log(M^-1 * T_from^-1 * T_to), where the
-/// information is given for xi in exp(xi) * M. Written with matrices, independent of the solver.
+/// What the header promises, written with angles and axes, independent of the solver.
 double cost_by_definition(const PoseGraph& graph) {
   double cost = 0;
   for (const Constraint& c : graph.constraints) {
     const Pose T = graph.nodes.at(c.from).inverse() * graph.nodes.at(c.to);
-    const Tangent xi = log(T * c.T_from_to.inverse());
+    const Tangent xi = left_error(T, c.T_from_to);
     cost += 0.5 * xi.dot(c.information * xi);
   }
   return cost;

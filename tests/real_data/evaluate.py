@@ -4,6 +4,7 @@
   evaluate.py relocalise    each real data set ingested into a running cellmapd; held-back scans relocalised
   evaluate.py odometry      kitti00-keyframes with five real odometries: errors before and after each stage
   evaluate.py simulated     the simulator along KITTI 07 and 05 with real odometry error: the same table
+  evaluate.py backend       pose graphs with 0, 25, 50 and 75 % false closures: what is rejected, errors
 
 Options: --bin DIR (default build/release), --data DIR (default $CELLMAP_DATA or ../shared/data), --json FILE,
 --only NAME (one data set, odometry or route), --keep DIR (work here and keep it).
@@ -292,9 +293,171 @@ def simulated(product, data, work, only):
     return rows
 
 
+# --- pose graphs with false closures -----------------------------------------------------------------------
+
+SHARES = (0.0, 0.25, 0.5, 0.75)
+
+
+class Graph:
+    """Lines of g2o: odometry, then loops of which it is known whether they are true; and the true poses."""
+
+    def __init__(self, name, odometry, true_loops, truth):
+        self.name, self.odometry, self.true_loops, self.truth = name, odometry, true_loops, truth
+
+    def false_loops(self, count):
+        raise NotImplementedError
+
+
+def planar(line):
+    word = line.split()
+    return int(word[1]), int(word[2]), yaw_pose(*(float(v) for v in word[3:6]))
+
+
+class RecordedGraph(Graph):
+    """Visual odometry and bag-of-words closures on KITTI, false ones as the detector gave them."""
+
+    def __init__(self, folder, sequence):
+        lines = lambda name: [l for l in (folder / sequence / name).read_text().splitlines() if l.startswith("EDGE")]
+        is_loop = lambda line: planar(line)[1] != planar(line)[0] + 1
+        known = {tuple(map(int, l.split())) for l in
+                 (folder / sequence / f"kitti_{sequence}_alpha_0.00_GT_LC.txt").read_text().splitlines() if l.strip()}
+        edges = lines(f"kitti_{sequence}_alpha_0.00.g2o")
+        loops = [l for l in edges if is_loop(l)]
+        truth = [yaw_pose(0, 0, 0)]
+        for line in lines(f"kitti_{sequence}_GT.g2o"):
+            truth.append(multiply(truth[-1], planar(line)[2]))
+        super().__init__(f"robustslam-kitti {sequence}", [l for l in edges if not is_loop(l)],
+                         [l for l in loops if planar(l)[:2] in known], truth)
+        self.wrong = [l for l in loops if planar(l)[:2] not in known]
+        random.Random(1).shuffle(self.wrong)
+
+    def false_loops(self, count):
+        return self.wrong[:count]
+
+
+class RouteGraph(Graph):
+    """A CELL every 6 m of KITTI's ground truth, tied by a real LiDAR odometry; closures where the route comes back
+    within 8 m, measured with the mapper's uncertainty. False ones in groups of up to six neighbours that agree with
+    one another, as where places look alike."""
+
+    SIGMA_M, SIGMA_RAD = 0.05, 0.002
+
+    def __init__(self, trajectories, system, sequence):
+        truth = rows_of(trajectories / "ground_truth" / f"{sequence}.txt")
+        odometry = rows_of(trajectories / "odometry" / system / f"{sequence}.txt")
+        keys = [0]
+        for i, row in enumerate(truth):
+            if math.dist(row[3::4], truth[keys[-1]][3::4]) > 6:
+                keys.append(i)
+        self.random = random.Random(3)
+        truth, odometry = [truth[i] for i in keys], [odometry[i] for i in keys]
+        super().__init__(f"{sequence} {system}", [
+            self.edge(i, i + 1, multiply(inverse(odometry[i]), odometry[i + 1]), 0.12, math.radians(0.12), 0)
+            for i in range(len(keys) - 1)], [], truth)
+        for i in range(len(truth)):
+            near = [j for j in range(i - 20) if math.dist(truth[i][3::4], truth[j][3::4]) < 8]
+            self.true_loops += [self.loop(j, i, multiply(inverse(truth[j]), truth[i])) for j in near[:2]]
+
+    def edge(self, a, b, pose, sigma_m, sigma_rad, noise):
+        small = lambda sigma: self.random.gauss(0, sigma * noise)
+        turn = from_quaternion([0, 0, 0, *self.unit([small(sigma_rad) / 2 for _ in range(3)] + [1.0])])
+        noisy = multiply(turn, [0 if i % 4 == 3 else v for i, v in enumerate(pose)])
+        for i in (3, 7, 11):
+            noisy[i] = pose[i] + small(sigma_m)
+        weights = [sigma_m ** -2] * 3 + [sigma_rad ** -2] * 3
+        upper = [weights[i] if i == k else 0 for i in range(6) for k in range(i, 6)]
+        return " ".join(map(repr, ["EDGE_SE3:QUAT", a, b, *to_quaternion(noisy), *upper])).replace("'", "")
+
+    @staticmethod
+    def unit(q):
+        norm = math.sqrt(sum(v * v for v in q))
+        return [v / norm for v in q]
+
+    def loop(self, a, b, pose):
+        return self.edge(a, b, pose, self.SIGMA_M, self.SIGMA_RAD, 1)
+
+    def false_loops(self, count):
+        n, found = len(self.truth), []
+        while len(found) < count:
+            a, b = sorted((self.random.randrange(n), self.random.randrange(n)))
+            if b < a + 20 or math.dist(self.truth[a][3::4], self.truth[b][3::4]) < 20:
+                continue
+            heading = self.random.choice((0.0, math.pi)) + self.random.gauss(0, 0.05)
+            guess = from_quaternion([self.random.gauss(0, 2), 0, self.random.gauss(0, 2),
+                                     0, math.sin(heading / 2), 0, math.cos(heading / 2)])
+            for k in range(min(self.random.randint(1, 6), count - len(found), n - b)):
+                step_a = multiply(inverse(self.truth[a]), self.truth[a + k])
+                step_b = multiply(inverse(self.truth[b]), self.truth[b + k])
+                found.append(self.loop(a + k, b + k, multiply(inverse(step_a), multiply(guess, step_b))))
+        return found
+
+
+def vertices(file):
+    rows = {}
+    for line in file.read_text().splitlines():
+        if line.startswith("VERTEX_SE3:QUAT"):
+            word = line.split()
+            rows[int(word[1])] = from_quaternion([float(v) for v in word[2:9]])
+    return [rows[i] for i in sorted(rows)]
+
+
+def write_rows(file, rows):
+    file.write_text("".join(" ".join(f"{v:.9f}" for v in row) + "\n" for row in rows))
+
+
+def absolute_error(product, work, graph, solved):
+    write_rows(work / "truth.txt", graph.truth)
+    write_rows(work / "estimate.txt", vertices(solved))
+    return product.run("evaluate", "trajectory", "--estimate", work / "estimate.txt", "--truth",
+                       work / "truth.txt")["ape_rmse_m"]
+
+
+def solve_with_false(product, work, graph, share, options):
+    false_loops = graph.false_loops(round(share / (1 - share) * len(graph.true_loops)))
+    (work / "in.g2o").write_text("\n".join(graph.odometry + graph.true_loops + false_loops) + "\n")
+    solved = product.run("optimize", work / "in.g2o", work / "out.g2o", *options)
+    kept = [loop["weight"] > 0 for loop in solved["loops"]]
+    n = len(graph.true_loops)
+    return {"graph": graph.name, "method": " ".join(options) or "default",
+            "false_percent": round(100 * len(false_loops) / max(1, n + len(false_loops))),
+            "true_loops": n, "false_loops": len(false_loops), "true_kept": sum(kept[:n]), "false_kept": sum(kept[n:]),
+            "ape_m": absolute_error(product, work, graph, work / "out.g2o"), "iterations": solved["iterations"],
+            "time_ms": solved["time_ms"], "final_cost": solved["final_cost"], "converged": solved["converged"]}
+
+
+def backend(product, data, work, only):
+    trajectories = data / "kitti-trajectories"
+    graphs = [lambda s=s: RecordedGraph(data / "g2o" / "robustslam-kitti", s) for s in ("00", "05")]
+    graphs += [lambda o=o, s=s: RouteGraph(trajectories, o, s)
+               for o, s in (("kiss_icp", "00"), ("ndt_f2f", "00"), ("simple_online", "02"), ("simple_online", "05"),
+                            ("gicp_f2f", "05"), ("gicp_f2f", "07"))]
+    rows = []
+    for make in graphs:
+        graph = make()
+        if only and only not in graph.name:
+            continue
+        (work / "in.g2o").write_text("\n".join(graph.odometry) + "\n")
+        product.run("optimize", work / "in.g2o", work / "out.g2o")
+        odometry_ape = absolute_error(product, work, graph, work / "out.g2o")
+        for options in ([], ["--graduated"], ["--least-squares"]):
+            for share in SHARES:
+                row = solve_with_false(product, work, graph, share, options)
+                row["odometry_ape_m"] = odometry_ape
+                row["ape_ratio"] = row["ape_m"] / (rows[-1]["clean_ape_m"] if share else row["ape_m"])
+                row["clean_ape_m"] = rows[-1]["clean_ape_m"] if share else row["ape_m"]
+                rows.append(row)
+    print("| graph | method | false | true kept | false kept | odometry APE m | APE m | to 0 % | steps | ms |\n"
+          "|---|---|---|---|---|---|---|---|---|---|")
+    for r in rows:
+        print(f"| {r['graph']} | {r['method']} | {r['false_percent']} % | {r['true_kept']}/{r['true_loops']} "
+              f"| {r['false_kept']}/{r['false_loops']} | {r['odometry_ape_m']:.2f} | {r['ape_m']:.3f} "
+              f"| {r['ape_ratio']:.3f} | {r['iterations']} | {r['time_ms']:.0f} |")
+    return rows
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["relocalise", "odometry", "simulated"])
+    parser.add_argument("what", choices=["relocalise", "odometry", "simulated", "backend"])
     parser.add_argument("--bin", type=Path, default=ROOT / "build" / "release")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("CELLMAP_DATA", ROOT / ".." / "shared" / "data")))
     parser.add_argument("--json", type=Path)
@@ -303,7 +466,8 @@ def main():
     arguments = parser.parse_args()
     if not arguments.data.exists():
         sys.exit(f"no real data at {arguments.data}: set CELLMAP_DATA")
-    verb = {"relocalise": relocalise, "odometry": odometry, "simulated": simulated}[arguments.what]
+    verb = {"relocalise": relocalise, "odometry": odometry, "simulated": simulated,
+            "backend": backend}[arguments.what]
     with tempfile.TemporaryDirectory() as temporary:
         work = arguments.keep or Path(temporary)
         work.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,12 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <fstream>
+#include <numbers>
 #include <optional>
+#include <random>
 
 #include "cellmap/cell/build_cell.hpp"
 #include "cellmap/registration/registration.hpp"
@@ -33,6 +36,12 @@ std::vector<Pose> read_poses(const std::filesystem::path& file) {
   }
 }
 
+Scan read_keyframe(const std::filesystem::path& folder, std::size_t k) {
+  char name[32];
+  std::snprintf(name, sizeof name, "%06zu.bin", k);
+  return filter_scan(read_bin(folder / "velodyne" / name), 0, {});
+}
+
 /// CELLs of four keyframes of KITTI 00 each, stacked by a real odometry.
 class RealScans : public ::testing::Test {
  protected:
@@ -44,9 +53,7 @@ class RealScans : public ::testing::Test {
     for (const std::size_t first : {0U, 4U, 32U}) {
       std::optional<LocalMap> map;
       for (std::size_t k = first; k < first + 4; ++k) {
-        char name[32];
-        std::snprintf(name, sizeof name, "%06zu.bin", k);
-        Scan scan = filter_scan(read_bin(folder / "velodyne" / name), 0, {});
+        Scan scan = read_keyframe(folder, k);
         if (map) {
           map->add(scan, odometry_[k]);
         } else {
@@ -91,6 +98,74 @@ TEST_F(RealScans, NeighboursAgreeWithGroundTruthFromAnyStartAndOtherPlacesAreRef
 
   EXPECT_FALSE(is_acceptable(register_scan(targets_[0], base_scans_[2], T_a_b), {}));
   EXPECT_FALSE(is_acceptable(register_scan(targets_[2], base_scans_[0], T_a_b), {}));
+}
+
+/// All 6 m CELLs of the 40 keyframes, as the mapper splits them.
+class AllNeighbours : public ::testing::Test {
+ protected:
+  struct Place {
+    RegistrationTarget target;
+    PointCloud base_scan;
+    Pose T_odom_cell;
+  };
+
+  void SetUp() override {
+    const auto folder = test::real_data("kitti00-dense");
+    if (!exists(folder)) GTEST_SKIP() << "no " << folder;
+    const std::vector<Pose> odometry = read_poses(folder / "odom_ndt.txt");
+    const auto lattice = std::make_shared<const Lattice>(LatticeSpec{});
+    std::optional<LocalMap> map;
+    const auto finish = [&] {
+      auto cell = std::make_shared<const Cell>(build_cell(*map, *lattice, {}));
+      places_.push_back({{std::move(cell), lattice}, map->base_scan().points, map->T_odom_cell()});
+    };
+    for (std::size_t k = 0; k < odometry.size(); ++k) {
+      Scan scan = read_keyframe(folder, k);
+      if (map && !map->is_complete_for(odometry[k], 6.0)) {
+        map->add(scan, odometry[k]);
+        continue;
+      }
+      if (map) finish();
+      map.emplace(std::move(scan), odometry[k], static_cast<std::uint32_t>(k));
+    }
+    finish();
+  }
+
+  std::vector<Place> places_;
+};
+
+/// 0.3 m and 1 degree off in a direction and about an axis drawn at random, mostly level.
+Pose random_start(std::mt19937& random) {
+  std::normal_distribution<double> normal;
+  const Eigen::Vector3d shift(normal(random), normal(random), 0.2 * normal(random));
+  const Eigen::Vector3d turn(0.3 * normal(random), 0.3 * normal(random), normal(random));
+  Tangent off;
+  off << 0.3 * shift.normalized(), std::numbers::pi / 180 * turn.normalized();
+  return exp(off);
+}
+
+TEST_F(AllNeighbours, ConvergeToOnePoseFromAnyStart) {
+  constexpr int kStarts = 8;
+  std::mt19937 random(1);
+  std::vector<double> spread_m;  // from the mean of a pair
+  for (std::size_t i = 0; i + 1 < places_.size(); ++i) {
+    const Place &a = places_[i], &b = places_[i + 1];
+    const Pose T_a_b = a.T_odom_cell.inverse() * b.T_odom_cell;
+    std::vector<Eigen::Vector3d> ends;
+    for (int start = 0; start < kStarts; ++start) {
+      const RegistrationResult result = register_cells(a.target, a.base_scan, b.target, b.base_scan,
+                                                       random_start(random) * T_a_b);
+      EXPECT_TRUE(result.converged) << i;
+      ends.push_back(result.T_target_source.translation());
+    }
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const Eigen::Vector3d& end : ends) mean += end / kStarts;
+    for (const Eigen::Vector3d& end : ends) spread_m.push_back((end - mean).norm());
+  }
+  ASSERT_GE(spread_m.size(), 64U);
+  std::sort(spread_m.begin(), spread_m.end());
+  EXPECT_LT(spread_m[spread_m.size() / 2], 0.5e-3);
+  EXPECT_LT(spread_m[spread_m.size() * 95 / 100], 10e-3);
 }
 
 }  // namespace

@@ -116,6 +116,22 @@ TEST(RegisterCells, FindsAKnownPoseToTheMillimetreAndItsInverseWhenSwapped) {
   EXPECT_EQ(ab.scores.points, scan_a.size() + scan_b.size());
 }
 
+TEST(RegisterScan, UnjudgedThePoseIsTheSameAndTheResultIsNotAccepted) {
+  const BoxScene scene = test::street();
+  const RegistrationTarget target = target_at(scene, level_pose(0, 0, 0));
+  const Pose truth = level_pose(3, 0.2, 2);
+  const PointCloud scan = scene.scan(truth);
+  RegistrationOptions options;
+  const RegistrationResult judged = register_scan(target, scan, truth, options);
+  options.judge = false;
+  const RegistrationResult unjudged = register_scan(target, scan, truth, options);
+  EXPECT_EQ(unjudged.T_target_source.matrix(), judged.T_target_source.matrix());
+  EXPECT_TRUE(is_acceptable(judged, {}));
+  EXPECT_TRUE(unjudged.converged);
+  EXPECT_TRUE(unjudged.information.isZero());
+  EXPECT_FALSE(is_acceptable(unjudged, {}));
+}
+
 TEST(RegisterCells, TheResultDoesNotDependOnTheThreads) {
   const BoxScene scene = test::street();
   const Pose T_w_b = level_pose(6.2, 0.5, 4.0);

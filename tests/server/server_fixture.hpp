@@ -185,7 +185,8 @@ class ApiTest : public ::testing::Test {
     for (const auto& [name, value] : response.headers.fields()) json["headers"][name] = value;
     json["request_type"] = request.headers.get("Content-Type").value_or("");
     const auto type = response.headers.get("Content-Type").value_or("");
-    if (type.find("json") != std::string::npos) json["body"] = body_view(response);
+    const bool readable = !response.headers.get("Content-Encoding");
+    if (readable && type.find("json") != std::string::npos) json["body"] = body_view(response);
     if (json["request_type"] == "application/json") json["request_body"] = request.body;
     std::ofstream(file, std::ios::app) << dump(json) << '\n';
   }

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -12,21 +14,26 @@ namespace cellmap::simd {
 namespace {
 
 struct Patch {
-  std::vector<PatchPoint> points;
-  std::vector<double> x, y, z;
-  SquaredRanges ranges;
+  std::size_t count;
+  std::vector<float> x, y, z;
 
-  explicit Patch(std::size_t count) {
+  explicit Patch(std::size_t points) : count(points) {
     std::mt19937 rng(static_cast<unsigned>(count));
     std::normal_distribution<float> spread(0, 0.3f);
     for (std::size_t i = 0; i < count; ++i) {
-      points.push_back({20 + spread(rng), -7 + spread(rng), 1 + 0.1f * spread(rng), 0});
+      x.push_back(20 + spread(rng));
+      y.push_back(-7 + spread(rng));
+      z.push_back(1 + 0.1f * spread(rng));
     }
-    x.assign(padded(count), -1);
-    y = z = x;
-    ranges = centre(points.data(), count, x.data(), y.data(), z.data());
+    x.resize(padded(count), x[0]);
+    y.resize(padded(count), y[0]);
+    z.resize(padded(count), z[0]);
   }
-  CentredPoints view() const { return {x.data(), y.data(), z.data(), points.size()}; }
+  PatchView view() const { return {x.data(), y.data(), z.data(), count, {x[0], y[0], z[0]}}; }
+  /// About the first point.
+  std::array<double, 3> centred(std::size_t i) const {
+    return {double{x[i]} - x[0], double{y[i]} - y[0], double{z[i]} - z[0]};
+  }
 };
 
 std::vector<double> values(const Moments& m) {
@@ -39,9 +46,10 @@ std::vector<double> values(const Moments& m) {
 /// One after the other, in long double.
 std::vector<long double> slow_moments(const Patch& patch, auto&& takes_part) {
   std::vector<long double> all(10, 0);
-  for (std::size_t i = 0; i < patch.points.size(); ++i) {
-    const long double x = patch.x[i], y = patch.y[i], z = patch.z[i];
-    if (!takes_part(patch.x[i], patch.y[i], patch.z[i])) continue;
+  for (std::size_t i = 0; i < patch.count; ++i) {
+    const auto p = patch.centred(i);
+    if (!takes_part(p[0], p[1], p[2])) continue;
+    const long double x = p[0], y = p[1], z = p[2];
     const long double terms[10] = {1, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z};
     for (std::size_t k = 0; k < 10; ++k) all[k] += terms[k];
   }
@@ -75,20 +83,23 @@ TEST(Moments, AreTheSumsAndHaveTheSameBitsOnEveryInstructionSet) {
   }
 }
 
-TEST(Centre, SubtractsTheFirstPointExactlyAndFindsTheExtremeRanges) {
-  const Patch patch(103);
-  double least = HUGE_VAL, most = 0;
-  for (std::size_t i = 0; i < 103; ++i) {
-    const PatchPoint& p = patch.points[i];
-    EXPECT_EQ(patch.x[i], static_cast<double>(p.x) - patch.points[0].x);
-    EXPECT_EQ(patch.z[i], static_cast<double>(p.z) - patch.points[0].z);
-    const double range = std::hypot(p.x, p.y, p.z);
-    least = std::min(least, range);
-    most = std::max(most, range);
+TEST(SquaredRanges, AreTheExtremesOfTheRangesWithTheSameBitsOnEveryInstructionSet) {
+  for (const std::size_t count : {1, 2, 5, 8, 103}) {
+    const Patch patch(count);
+    std::vector<double> slow;
+    for (std::size_t i = 0; i < count; ++i) {
+      const double x = patch.x[i], y = patch.y[i], z = patch.z[i];
+      slow.push_back(x * x + y * y + z * z);
+    }
+    test::for_each_instruction_set([&](const std::string& name) {
+      const SquaredRanges extremes = squared_ranges(patch.view());
+      EXPECT_EQ(extremes.min, *std::min_element(slow.begin(), slow.end())) << name;
+      EXPECT_EQ(extremes.max, *std::max_element(slow.begin(), slow.end())) << name;
+      std::vector<double> found(padded(count));
+      ranges(patch.view(), found.data());
+      for (std::size_t i = 0; i < count; ++i) EXPECT_EQ(found[i], std::sqrt(slow[i])) << name;
+    });
   }
-  EXPECT_EQ(patch.x[103], 0);
-  EXPECT_NEAR(std::sqrt(patch.ranges.min), least, 1e-6);
-  EXPECT_NEAR(std::sqrt(patch.ranges.max), most, 1e-6);
 }
 
 }  // namespace

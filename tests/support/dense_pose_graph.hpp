@@ -9,9 +9,21 @@
 
 namespace cellmap {
 
-/// The slow twin of `optimize`: the cost as it is written down, with the error of the left
+/// The slow twin of `optimize`: the cost as it is written down, with the error as that of a left
 /// perturbation, numeric derivatives and reweighted Gauss-Newton steps by dense matrices.
 /// For a graph in one piece: the node with the lowest id is fixed.
+///
+/// The error: a rotation by the angle a about the unit axis n counts as phi = 2 sin(a / 2) n, and
+/// the position is off by what a perturbation (rho, phi) of the measured one does, rho + phi x p.
+inline Tangent left_error(const Pose& T, const Pose& measured) {
+  const Eigen::AngleAxisd turn(T.linear() * measured.linear().transpose());
+  const Eigen::Vector3d phi = 2 * std::sin(turn.angle() / 2) * turn.axis();
+  const Eigen::Vector3d p = measured.translation();
+  Tangent xi;
+  xi << T.translation() - p - phi.cross(p), phi;
+  return xi;
+}
+
 class DensePoseGraph {
  public:
   DensePoseGraph(PoseGraph graph, double loop_loss_scale)
@@ -43,7 +55,7 @@ class DensePoseGraph {
 
  private:
   Tangent error(const Constraint& c, const Pose& T_from, const Pose& T_to) const {
-    return log(T_from.inverse() * T_to * c.T_from_to.inverse());
+    return left_error(T_from.inverse() * T_to, c.T_from_to);
   }
   Tangent error(const Constraint& c) const {
     return error(c, graph_.nodes.at(c.from), graph_.nodes.at(c.to));

@@ -1,5 +1,6 @@
 #include "cellmap/client/client.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -12,6 +13,7 @@
 #include "cellmap/client/json.hpp"
 #include "cellmap/client/transport.hpp"
 #include "cellmap/codec/cell_batch.hpp"
+#include "cellmap/codec/changes_codec.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/codec/zstd.hpp"
@@ -27,9 +29,12 @@ using client::Json;
 namespace {
 
 constexpr char kCellType[] = "application/vnd.cellmap.cell";
+constexpr char kChangesType[] = "application/vnd.cellmap.changes";
 constexpr char kScanType[] = "application/vnd.cellmap.scan";
 constexpr std::size_t kBatchCells = 64;
 constexpr std::size_t kPageCells = 1000;
+constexpr std::chrono::milliseconds kMaxWait{60'000};
+constexpr std::chrono::milliseconds kMaxSilence{20'000};  // four heartbeats
 
 Bytes to_bytes(std::string_view text) {
   const auto bytes = as_bytes(text);
@@ -177,6 +182,7 @@ Client::Client(Client&&) noexcept = default;
 Client& Client::operator=(Client&&) noexcept = default;
 
 const ServerUrl& Client::url() const { return impl_->transport.url(); }
+Traffic Client::traffic() const { return impl_->transport.traffic(); }
 
 void Client::check_ready() { impl_->get_text("/readyz"); }
 std::string Client::metrics() { return impl_->get_text("/metrics"); }
@@ -192,7 +198,8 @@ std::vector<MapInfo> Client::maps() {
 }
 
 MapInfo Client::create_map(const std::string& name, const LatticeSpec& lattice) {
-  const Json body = {{"name", name}, {"lattice", {{"kind", "fibonacci"}, {"size", lattice.size}}}};
+  const Json body = {{"name", name},
+                     {"lattice", {{"kind", to_string(lattice.kind)}, {"size", lattice.size}}}};
   HttpRequest request = json_request("POST", "/v1/maps", body);
   request.idempotent = false;
   return client::map_info_from_json(impl_->send_json(request));
@@ -331,9 +338,49 @@ PoseGraph Client::pose_graph(const std::string& map, std::optional<Revision> rev
   return decode_pose_graph(to_bytes(impl_->transport.perform(request).body));
 }
 
-Changes Client::changes(const std::string& map, Revision since) {
-  return client::changes_from_json(
-      impl_->get_json(map_path(map) + "/changes?since=" + std::to_string(since)));
+Changes Client::changes(const std::string& map, Revision since, std::chrono::milliseconds wait) {
+  Query url;
+  url.add("since", std::to_string(since));
+  wait = std::min({wait, kMaxWait, impl_->options.read_timeout / 2});
+  if (wait.count() > 0) url.add("wait_s", number(static_cast<double>(wait.count()) / 1000));
+  HttpRequest request{"GET", map_path(map) + "/changes" + url.text(), {}, ""};
+  request.headers = {{"accept", std::string(kChangesType) + ", application/json;q=0.5"},
+                     {"accept-encoding", "zstd"}};
+  request.max_answer_bytes = kMaxChangesBytes;
+  const HttpResponse response = impl_->transport.perform(request);
+  Changes changes;
+  if (response.header("content-type").starts_with(kChangesType)) {
+    static_cast<MapChanges&>(changes) = decode_changes(as_bytes(response.body));
+  } else {
+    changes = client::changes_from_json(client::parse_json(response.body));
+  }
+  if (changes.since != since) {
+    throw Error(ErrorCode::kCorruptData, "the server answered with the changes since revision " +
+                                             std::to_string(changes.since) + " instead of " +
+                                             std::to_string(since));
+  }
+  const std::string created = response.header("cellmap-created");
+  if (!created.empty()) changes.map_created = client::stamp_from_rfc3339(created);
+  return changes;
+}
+
+bool Client::follow_revisions(
+    const std::string& map, std::optional<Revision> known,
+    const std::function<bool(const std::optional<RevisionEvent>&)>& on_event,
+    std::stop_token stop) {
+  client::EventStreamParser parser;
+  client::StreamRequest request{map_path(map) + "/events", {{"accept", "text/event-stream"}}};
+  if (known) request.headers["last-event-id"] = std::to_string(*known);
+  request.max_silence = std::min(kMaxSilence, impl_->options.read_timeout);
+  const auto receive = [&](std::string_view piece) {
+    std::optional<RevisionEvent> latest;  // of several in one piece only the last matters
+    parser.feed(piece, [&](const client::ServerEvent& event) {
+      if (event.type != "revision") return;
+      latest = client::revision_event_from_json(client::parse_json(event.data));
+    });
+    return on_event(latest);
+  };
+  return impl_->transport.stream(request, receive, stop);
 }
 
 std::string Client::trajectory_text(const std::string& map, const std::string& session,
@@ -439,7 +486,7 @@ Job Client::follow_job(JobId id, const std::function<void(const Job&)>& on_progr
   while (!is_final(latest.state) && !stop.stop_requested()) {
     client::EventStreamParser parser;
     impl_->transport.stream(
-        job_path(id) + "/events", "text/event-stream",
+        {job_path(id) + "/events", {{"accept", "text/event-stream"}}},
         [&](std::string_view piece) {
           parser.feed(piece, [&](const client::ServerEvent& event) {
             if (event.type == "progress" || event.type == "end") {

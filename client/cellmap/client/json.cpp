@@ -72,10 +72,8 @@ Eigen::Vector3d vector3_from(const Json& json) {
 }
 
 LatticeSpec lattice_from(const Json& json) {
-  if (json.at("kind") != "fibonacci") {
-    throw Error(ErrorCode::kUnsupported, "lattice kind " + dump(json.at("kind"), false));
-  }
-  return {LatticeKind::kFibonacci, integer<std::uint32_t>(json.at("size"))};
+  return {lattice_kind_from(json.at("kind").get<std::string>()),
+          integer<std::uint32_t>(json.at("size"))};
 }
 
 ConstraintKind kind_from(const std::string& name) {
@@ -196,7 +194,7 @@ Json to_json(const MapInfo& map) {
     bounds = {{"min", vector3(map.bounds.min())}, {"max", vector3(map.bounds.max())}};
   }
   return {{"name", map.name},
-          {"lattice", {{"kind", "fibonacci"}, {"size", map.lattice.size}}},
+          {"lattice", {{"kind", to_string(map.lattice.kind)}, {"size", map.lattice.size}}},
           {"revision", map.revision},
           {"created", to_rfc3339(map.created)},
           {"cells", map.cells},
@@ -356,6 +354,12 @@ Changes changes_from_json(const Json& json) {
     changes.removed_constraints =
         list_of<ConstraintId>(json.at("removed_constraints"), id<ConstraintId>);
     return changes;
+  });
+}
+
+RevisionEvent revision_event_from_json(const Json& json) {
+  return decoded("event of a revision", [&] {
+    return RevisionEvent{count(json, "revision"), stamp_from_rfc3339(json.at("created"))};
   });
 }
 
@@ -550,7 +554,7 @@ Json to_json(const IngestOptions& options) {
   if (options.loop_acceptance) json["loop_acceptance"] = to_string(*options.loop_acceptance);
   set("min_points", options.min_points);
   set("max_range_gap_m", options.max_range_gap_m);
-  if (options.fit) json["fit"] = *options.fit == PlaneFit::kRansac ? "ransac" : "trimmed";
+  if (options.fit) json["fit"] = to_string(*options.fit);
   return json;
 }
 
@@ -568,7 +572,7 @@ Json to_json(const IngestRequest& request) {
   if (!request.poses.empty()) json["poses"] = request.poses;
   if (request.scans_total > 0) json["scans_total"] = request.scans_total;
   if (request.lattice) {
-    json["lattice"] = {{"kind", "fibonacci"}, {"size", request.lattice->size}};
+    json["lattice"] = {{"kind", to_string(request.lattice->kind)}, {"size", request.lattice->size}};
   }
   if (Json options = to_json(request.options); !options.empty()) json["options"] = options;
   return json;

@@ -51,6 +51,7 @@ Json to_json(const Constraint& constraint);
 Constraint constraint_from_json(const Json& json);
 Json constraints_to_json(const std::vector<Constraint>& constraints);
 Changes changes_from_json(const Json& json);
+RevisionEvent revision_event_from_json(const Json& json);
 
 Json to_json(const Relocalisation& answer);
 Relocalisation relocalisation_from_json(const Json& json);

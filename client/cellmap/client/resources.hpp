@@ -45,9 +45,24 @@ struct PutCellResult {
   bool created = false;  ///< false: the same CELL was there already
 };
 
-/// What happened to a map after a revision, with what was removed from it.
+/// What happened to a map after a revision.
 struct Changes : MapChanges {
-  std::vector<CellId> removed;
+  /// When the map was made, to the millisecond: tells a map from a later one of the same name.
+  /// Empty from a server that does not say so.
+  std::optional<Stamp> map_created;
+};
+
+/// A map has a revision, as its stream of events says.
+struct RevisionEvent {
+  Revision revision = 0;
+  Stamp map_created = 0;  ///< to the millisecond
+};
+
+/// What a client has sent and received: bodies as they were on the wire, without heads.
+struct Traffic {
+  std::uint64_t requests = 0;
+  std::uint64_t sent_bytes = 0;
+  std::uint64_t received_bytes = 0;
 };
 
 /// Which poses of a drive: as the odometry gave them or after the back end.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <exception>
 
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/json.hpp"
@@ -98,7 +99,10 @@ Transport::Attempt Transport::attempt(const HttpRequest& request) {
     attempt.no_body = response.status == 304 && attempt.response.header("content-length") != "0";
     return !attempt.no_body;
   };
+  ++traffic_.requests;
+  traffic_.sent_bytes += request.body.size();
   http.content_receiver = [&](const char* data, std::size_t size, std::uint64_t, std::uint64_t) {
+    traffic_.received_bytes += size;
     attempt.too_large = attempt.response.body.size() + size > request.max_answer_bytes;
     if (!attempt.too_large) attempt.response.body.append(data, size);
     return !attempt.too_large;
@@ -138,18 +142,29 @@ HttpResponse Transport::perform(const HttpRequest& request, bool accept_conflict
   }
 }
 
-bool Transport::stream(const std::string& path, const std::string& accept,
+bool Transport::stream(const StreamRequest& request,
                        const std::function<bool(std::string_view)>& receive, std::stop_token stop) {
   const auto http = connect(url_, options_);
+  if (request.max_silence.count() > 0) http->set_read_timeout(request.max_silence);
   const std::stop_callback on_stop(stop, [&] { http->stop(); });
   bool accepted = false;
-  const httplib::Headers headers = {{"accept", accept}, {"user-agent", options_.user_agent}};
+  std::exception_ptr failure;  // not through the HTTP library, which is not made for it
+  httplib::Headers headers = {{"user-agent", options_.user_agent}};
+  for (const auto& [name, value] : request.headers) headers.emplace(name, value);
+  ++traffic_.requests;
   const auto result = http->Get(
-      url_.path_prefix + path, headers,
+      url_.path_prefix + request.path, headers,
       [&](const httplib::Response& response) { return accepted = response.status == 200; },
       [&](const char* data, std::size_t size) {
-        return !stop.stop_requested() && receive({data, size});
+        traffic_.received_bytes += size;
+        try {
+          return !stop.stop_requested() && receive({data, size});
+        } catch (...) {
+          failure = std::current_exception();
+          return false;
+        }
       });
+  if (failure) std::rethrow_exception(failure);
   return accepted && (result || result.error() == httplib::Error::Canceled);
 }
 

@@ -31,6 +31,14 @@ struct HttpResponse {
   std::string header(const std::string& lower_case_name) const;  ///< "" where it is missing
 };
 
+/// An endless answer.
+struct StreamRequest {
+  std::string path;
+  Headers headers;
+  /// Silence after which the connection counts as broken; 0: `ClientOptions::read_timeout`.
+  std::chrono::milliseconds max_silence{0};
+};
+
 /// One keep-alive connection to a server, with retries and bounded answers. Not thread safe.
 class Transport {
  public:
@@ -46,9 +54,11 @@ class Transport {
 
   /// GETs an endless answer piece by piece until `receive` returns false, the server ends it or a
   /// stop is requested. One attempt, on a connection of its own. Returns false where the connection
-  /// failed or the server refused.
-  bool stream(const std::string& path, const std::string& accept,
-              const std::function<bool(std::string_view)>& receive, std::stop_token stop);
+  /// failed or the server refused. What `receive` throws is thrown on.
+  bool stream(const StreamRequest& request, const std::function<bool(std::string_view)>& receive,
+              std::stop_token stop);
+
+  Traffic traffic() const { return traffic_; }
 
  private:
   struct Attempt;
@@ -57,6 +67,7 @@ class Transport {
   struct Impl;
   ClientOptions options_;
   ServerUrl url_;
+  Traffic traffic_;
   std::unique_ptr<Impl> impl_;
 };
 

@@ -1,6 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/cell/local_map.hpp"
@@ -11,7 +14,13 @@ namespace cellmap {
 enum class PlaneFit {
   kTrimmed,  ///< closed-form PCA, refitted twice without the farthest points: no seed, 8-11x faster
   kRansac,   ///< the paper's, seeded, then PCA over the inliers
+  kStreaming,  ///< from sums that are kept as scans arrive, each trimmed by the plane so far
 };
+
+/// "trimmed", "ransac" or "streaming", as flags and requests name them; nothing where `name` is
+/// none.
+std::string to_string(PlaneFit fit);
+std::optional<PlaneFit> plane_fit_from(std::string_view name);
 
 /// How a local map becomes a CELL. Defaults are the paper's where it gives one.
 struct CellBuildOptions {

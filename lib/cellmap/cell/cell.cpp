@@ -1,6 +1,7 @@
 #include "cellmap/cell/cell.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
 #include <string_view>
@@ -11,12 +12,51 @@ namespace cellmap {
 namespace {
 
 constexpr float kMaxDistanceM = 10'000;
+constexpr double kMinNorm = 1 - 1e-3, kMaxNorm = 1 + 1e-3;
 constexpr std::size_t kMaxSessionLength = 64;
 
 void require(bool holds, std::string_view broken) {
   if (!holds)
     throw Error(ErrorCode::kCorruptData, "this CELL is not valid: " + std::string(broken));
 }
+
+bool is_unit(const Plane& p) {
+  const double nx = p.nx, ny = p.ny, nz = p.nz;
+  const double norm2 = nx * nx + ny * ny + nz * nz;
+  return norm2 >= kMinNorm * kMinNorm && norm2 <= kMaxNorm * kMaxNorm;  // and no NaN
+}
+
+bool is_distance(float distance_m) { return distance_m > 0 && distance_m <= kMaxDistanceM; }
+
+bool faces_origin(const Plane& p, const Eigen::Vector3d& direction) {
+  return p.nx * direction.x() + p.ny * direction.y() + p.nz * direction.z() < 0;
+}
+
+/// Directions of some lattice points at a time, so many that they stay in the nearest cache.
+class DirectionBlocks {
+ public:
+  static constexpr std::size_t kSize = 256;
+
+  explicit DirectionBlocks(const Lattice& lattice) : lattice_(lattice) {}
+
+  /// Calls `use(k, direction of indices[k])` for all k in order.
+  template <typename Use>
+  void visit(std::span<const std::uint32_t> indices, const Use& use) {
+    for (std::size_t begin = 0; begin < indices.size(); begin += kSize) {
+      const auto part = indices.subspan(begin, std::min(kSize, indices.size() - begin));
+      lattice_.directions(part, x_.data(), y_.data(), z_.data());
+      for (std::size_t k = 0; k < part.size(); ++k) {
+        use(begin + k, Eigen::Vector3d(x_[k], y_[k], z_[k]));
+      }
+    }
+  }
+
+ private:
+  const Lattice& lattice_;
+  std::array<double, kSize> x_, y_, z_;
+};
+
+}  // namespace
 
 bool is_session_name(std::string_view name) {
   return !name.empty() && name.size() <= kMaxSessionLength &&
@@ -25,22 +65,6 @@ bool is_session_name(std::string_view name) {
                   c == '.' || c == '_' || c == '-';
          });
 }
-
-void validate_plane(const Plane& plane, const Lattice& lattice, std::uint32_t index) {
-  const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
-  const auto where = [&] { return " at lattice point " + std::to_string(index); };
-  if (!normal.allFinite() || std::abs(normal.norm() - 1) > 1e-3) {
-    require(false, "a normal is not a unit vector" + where());
-  }
-  if (!(plane.distance_m > 0 && plane.distance_m <= kMaxDistanceM)) {
-    require(false, "a distance is outside (0, 10000] m" + where());
-  }
-  if (!(normal.dot(lattice.direction(index)) < 0)) {
-    require(false, "a normal does not face the origin" + where());
-  }
-}
-
-}  // namespace
 
 void validate(const Cell& cell) {
   require(is_session_name(cell.session),
@@ -52,24 +76,34 @@ void validate(const Cell& cell) {
 
 void validate_planes(const LatticeSpec& spec, std::span<const std::uint32_t> indices,
                      std::span<const Plane> planes) {
-  require(indices.size() == planes.size(), "it has " + std::to_string(indices.size()) +
-                                               " indices for " + std::to_string(planes.size()) +
-                                               " planes");
+  if (indices.size() != planes.size()) {
+    require(false, "it has " + std::to_string(indices.size()) + " indices for " +
+                       std::to_string(planes.size()) + " planes");
+  }
   const Lattice lattice(spec);
   for (std::size_t k = 0; k < indices.size(); ++k) {
-    require(indices[k] < spec.size, "an index is outside its lattice");
+    require(indices[k] < lattice.size(), "an index is outside its lattice");
     require(k == 0 || indices[k - 1] < indices[k], "its indices are not strictly increasing");
-    validate_plane(planes[k], lattice, indices[k]);
   }
+  DirectionBlocks(lattice).visit(indices, [&](std::size_t k, const Eigen::Vector3d& direction) {
+    const Plane& plane = planes[k];
+    if (is_unit(plane) && is_distance(plane.distance_m) && faces_origin(plane, direction)) return;
+    const std::string broken = !is_unit(plane) ? "a normal is not a unit vector"
+                               : !is_distance(plane.distance_m)
+                                   ? "a distance is outside (0, 10000] m"
+                                   : "a normal does not face the origin";
+    require(false, broken + " at lattice point " + std::to_string(indices[k]));
+  });
 }
 
 PointCloud reconstruct_points(const Cell& cell, const Lattice& lattice) {
   PointCloud points;
   points.reserve(cell.planes.size());
-  for (std::size_t k = 0; k < cell.planes.size(); ++k) {
-    const double distance = cell.planes[k].distance_m;
-    points.push_back((distance * lattice.direction(cell.indices[k])).cast<float>());
-  }
+  DirectionBlocks(lattice).visit(cell.indices,
+                                 [&](std::size_t k, const Eigen::Vector3d& direction) {
+                                   const double distance = cell.planes[k].distance_m;
+                                   points.push_back((distance * direction).cast<float>());
+                                 });
   return points;
 }
 

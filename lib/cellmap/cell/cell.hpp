@@ -4,6 +4,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "cellmap/core/stamp.hpp"
@@ -39,7 +40,7 @@ struct CellStatistics {
 /// Planes and normals are in the cell frame, which is the sensor frame of the base scan.
 struct Cell {
   LatticeSpec lattice;
-  std::vector<std::uint32_t> indices;   ///< strictly increasing, < lattice.size
+  std::vector<std::uint32_t> indices;   ///< strictly increasing, < Lattice(lattice).size()
   std::vector<Plane> planes;            ///< planes[k] belongs to lattice point indices[k]
   std::string session;                  ///< which drive it came from
   std::uint32_t sequence = 0;           ///< position within the session, from 0
@@ -52,6 +53,9 @@ struct Cell {
   CellStatistics statistics;
 };
 
+/// 1 to 64 characters [A-Za-z0-9._-].
+bool is_session_name(std::string_view name);
+
 /// Throws Error{kCorruptData} naming the first broken rule: equal lengths, indices strictly
 /// increasing and inside the lattice, planes finite, normals unit within 1e-3 and facing the
 /// origin, distances in (0, 10,000] m, a rigid pose, a session name of 1 to 64 characters
@@ -59,6 +63,7 @@ struct Cell {
 void validate(const Cell& cell);
 
 /// The rules of `validate` for planes alone, wherever they lie: everything on indices and planes.
+/// About 6 ns a plane with AVX2.
 void validate_planes(const LatticeSpec& lattice, std::span<const std::uint32_t> indices,
                      std::span<const Plane> planes);
 

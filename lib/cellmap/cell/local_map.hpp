@@ -32,6 +32,8 @@ class LocalMap {
   std::uint32_t first_scan() const { return first_scan_; }
   const std::vector<ScanInCell>& scans() const { return scans_; }
   const PointCloud& points() const { return points_; }  ///< cell frame, all stacked scans
+  /// Where the points of each scan end among them.
+  const std::vector<std::size_t>& scan_ends() const { return scan_ends_; }
 
  private:
   Scan base_scan_;
@@ -39,6 +41,7 @@ class LocalMap {
   std::uint32_t first_scan_;
   std::vector<ScanInCell> scans_;
   PointCloud points_;
+  std::vector<std::size_t> scan_ends_;
 };
 
 }  // namespace cellmap

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -9,32 +8,11 @@
 #include <vector>
 
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/cell/point_runs.hpp"
 #include "cellmap/simd/moments.hpp"
+#include "cellmap/simd/plane_batch.hpp"
 
 namespace cellmap {
-
-/// A point of a patch, cell frame.
-using PatchPoint = simd::PatchPoint;
-inline Eigen::Vector3d position(const PatchPoint& p) { return {p.x, p.y, p.z}; }
-
-/// The points of one patch about the first of them, which is where moments are taken: a patch is
-/// small beside its distance. Reused from patch to patch.
-class CentredPatch {
- public:
-  /// `points` must not be empty.
-  void assign(std::span<const PatchPoint> points);
-
-  const Eigen::Vector3d& origin() const { return origin_; }
-  simd::CentredPoints points() const { return {x_.data(), y_.data(), z_.data(), count_}; }
-  double min_range_m() const { return std::sqrt(squared_ranges_.min); }
-  double max_range_m() const { return std::sqrt(squared_ranges_.max); }
-
- private:
-  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
-  std::size_t count_ = 0;
-  simd::SquaredRanges squared_ranges_{0, 0};
-  std::vector<double> x_, y_, z_;
-};
 
 /// The plane of a set of points and how well they agree with it.
 struct FittedPlane {
@@ -45,18 +23,34 @@ struct FittedPlane {
   std::size_t points = 0;                            ///< points that took part
 };
 
-/// Total least squares plane of the points: the eigenvector of the smallest eigenvalue of their
-/// covariance, in closed form from basic arithmetic only, so that it has the same bits everywhere.
-/// Nothing where the points do not span a plane (fewer than 3, or all on one line).
-std::optional<FittedPlane> fit_plane(std::span<const PatchPoint> points);
+/// Moments of points about `origin`.
+struct MomentsAbout {
+  Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+  simd::Moments moments;
+};
 
-/// `fit_plane`, repeated twice over the points within `trim_rms_factor` rms of the last plane.
-std::optional<FittedPlane> fit_plane_trimmed(const CentredPatch& patch,
-                                             const CellBuildOptions& options);
+/// Total least squares planes: the eigenvector of the smallest eigenvalue of the covariance, in
+/// closed form from basic arithmetic only, so that it has the same bits everywhere. Nothing where
+/// the points do not span a plane (fewer than 3, or all on one line). Several at once cost a
+/// quarter of what they cost one by one.
+using FittedPlanes = std::span<std::optional<FittedPlane>>;
+void fit_planes(std::span<const MomentsAbout> moments, FittedPlanes planes);
+std::optional<FittedPlane> fit_plane(const PatchPoints& points);
+
+/// Moments about their origin of the points farther from `plane` than `rms_factor` rms distances.
+simd::Moments moments_off_plane(const PatchPoints& points, const FittedPlane& plane,
+                                double rms_factor);
+
+/// `fit_planes` of at most kPatchesAFit patches, repeated twice over the points within
+/// `trim_rms_factor` rms of the last plane.
+constexpr std::size_t kPatchesAFit = simd::PlaneBatch::kSize;
+void fit_planes_trimmed(std::span<const PatchPoints> patches, const CellBuildOptions& options,
+                        FittedPlanes planes);
 
 /// The paper's fit: the plane through three drawn points that most points agree with, then
-/// `fit_plane` over those. The draws depend on options.seed and `patch` only. Reorders `points`.
-std::optional<FittedPlane> fit_plane_ransac(std::span<PatchPoint> points,
-                                            const CellBuildOptions& options, std::uint32_t patch);
+/// `fit_plane` over those. The draws depend on options.seed and `patch` only. Leaves those points
+/// in `points`.
+std::optional<FittedPlane> fit_plane_ransac(PatchPoints& points, const CellBuildOptions& options,
+                                            std::uint32_t patch);
 
 }  // namespace cellmap

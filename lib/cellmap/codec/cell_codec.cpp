@@ -5,6 +5,7 @@
 #include <string>
 
 #include "cellmap/codec/verified_buffer.hpp"
+#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/schema/cell_generated.h"
 
@@ -14,7 +15,7 @@ namespace {
 static_assert(sizeof(schema::Plane) == sizeof(Plane),
               "a struct of the format has changed: every file would become unreadable");
 
-constexpr std::uint8_t kFibonacciVersion = 1;
+constexpr std::uint8_t kLatticeVersion = 1;  // of every kind
 constexpr std::size_t kMaxTables = 64;
 constexpr BufferKind kCellKind = {"CELL", "CELL", kMaxCellBytes, [](flatbuffers::Verifier& v) {
                                     return schema::VerifyCellBuffer(v);
@@ -36,9 +37,14 @@ ContentHash hash_of(std::span<const std::byte> bytes) {
   return sha256_of_pieces({bytes.first(offset), kZeros, bytes.subspan(offset + kZeros.size())});
 }
 
-ContentHash check_hash(std::span<const std::byte> bytes) {
+ContentHash claimed_hash(std::span<const std::byte> bytes) {
   ContentHash claimed;
   std::memcpy(claimed.bytes.data(), bytes.data() + hash_offset(bytes), sizeof(claimed));
+  return claimed;
+}
+
+ContentHash check_hash(std::span<const std::byte> bytes) {
+  const ContentHash claimed = claimed_hash(bytes);
   const ContentHash actual = hash_of(bytes);
   if (claimed != actual) {
     throw Error(ErrorCode::kCorruptData, "the CELL is damaged: it claims the content hash " +
@@ -48,15 +54,19 @@ ContentHash check_hash(std::span<const std::byte> bytes) {
   return actual;
 }
 
+static_assert(int(schema::LatticeKind::Fibonacci) == int(LatticeKind::kFibonacci) &&
+                  int(schema::LatticeKind::FibonacciBands) == int(LatticeKind::kFibonacciBands),
+              "both are the format's numbers");
+
 LatticeSpec lattice_from_wire(const schema::Lattice& wire) {
-  if (wire.kind() != schema::LatticeKind::Fibonacci || wire.version() != kFibonacciVersion) {
-    throw Error(ErrorCode::kUnsupported,
-                "the CELL's lattice has the kind " + std::to_string(int(wire.kind())) +
-                    ", version " + std::to_string(wire.version()) +
-                    ", but this build knows only the Fibonacci lattice: kind 1, version 1");
-  }
-  const LatticeSpec spec{.kind = LatticeKind::kFibonacci, .size = wire.size()};
+  const LatticeSpec spec{static_cast<LatticeKind>(wire.kind()), wire.size()};
   spec.validate();
+  if (wire.version() != kLatticeVersion) {
+    throw Error(ErrorCode::kUnsupported, "the CELL's lattice " + to_string(spec) + " has version " +
+                                             std::to_string(wire.version()) +
+                                             ", but this build knows only version " +
+                                             std::to_string(kLatticeVersion));
+  }
   return spec;
 }
 
@@ -106,8 +116,9 @@ flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& b
   }
   const auto indices = builder.CreateVector(cell.indices);
   const auto session = builder.CreateString(cell.session);
-  const auto lattice = schema::CreateLattice(builder, schema::LatticeKind::Fibonacci,
-                                             kFibonacciVersion, cell.lattice.size);
+  const auto lattice =
+      schema::CreateLattice(builder, static_cast<schema::LatticeKind>(cell.lattice.kind),
+                            kLatticeVersion, cell.lattice.size);
   const CellStatistics& s = cell.statistics;
   const auto statistics = schema::CreateStatistics(
       builder, s.points, s.points_in_planes, s.patches_hit, s.rejected_few_points, s.rejected_gap,
@@ -117,6 +128,19 @@ flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& b
   return schema::CreateCell(builder, kFormatVersion, &no_hash_yet, lattice, indices, planes,
                             session, cell.sequence, &T_odom_cell, cell.first_stamp, cell.last_stamp,
                             cell.first_scan, cell.scan_count, statistics);
+}
+
+/// A CELL whose bytes `verify_buffer` holds for and whose hash is `hash`.
+CellView view_with_hash(std::span<const std::byte> bytes, const ContentHash& hash) {
+  const schema::Cell& wire = root(bytes);
+  CellView view;
+  view.hash = hash;
+  view.header = header_from_wire(wire);
+  view.indices = span_of<std::uint32_t>(*wire.indices());
+  view.planes = span_of<Plane>(*wire.planes());
+  validate(view.header);
+  validate_planes(view.header.lattice, view.indices, view.planes);
+  return view;
 }
 
 }  // namespace
@@ -147,20 +171,19 @@ CellView view_cell(std::span<const std::byte> bytes) {
                 "a CELL is read where it lies only from an address that is a multiple of 8");
   }
   verify_buffer(bytes, kCellKind, kMaxTables);
-  CellView view;
-  view.hash = check_hash(bytes);
-  const schema::Cell& wire = root(bytes);
-  view.header = header_from_wire(wire);
-  view.indices = span_of<std::uint32_t>(*wire.indices());
-  view.planes = span_of<Plane>(*wire.planes());
-  validate(view.header);
-  validate_planes(view.header.lattice, view.indices, view.planes);
-  return view;
+  return view_with_hash(bytes, check_hash(bytes));
 }
 
 Cell decode_cell(std::span<const std::byte> bytes) {
   if (is_aligned(bytes)) return view_cell(bytes).to_cell();
-  return view_cell(verified_copy(bytes, kCellKind, kMaxTables)).to_cell();
+  check_size(bytes, kCellKind);  // before so much is copied
+  return view_cell(Bytes(bytes.begin(), bytes.end())).to_cell();
+}
+
+Cell decode_stored_cell(std::span<const std::byte> frame) {
+  const Bytes bytes = zstd_decompress(frame, kMaxCellBytes);
+  verify_buffer(bytes, kCellKind, kMaxTables);
+  return view_with_hash(bytes, claimed_hash(bytes)).to_cell();
 }
 
 ContentHash verified_hash(std::span<const std::byte> bytes) {

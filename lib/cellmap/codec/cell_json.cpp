@@ -42,18 +42,19 @@ Json statistics_to_json(const CellStatistics& s) {
 }  // namespace
 
 std::string cell_to_json(const Cell& cell, const ContentHash& hash) {
-  const Json json = {{"hash", to_hex(hash)},
-                     {"lattice", {{"kind", "fibonacci"}, {"size", cell.lattice.size}}},
-                     {"session", cell.session},
-                     {"sequence", cell.sequence},
-                     {"T_odom_cell", to_xyz_qxyzw(cell.T_odom_cell)},
-                     {"first_stamp", cell.first_stamp},
-                     {"last_stamp", cell.last_stamp},
-                     {"first_scan", cell.first_scan},
-                     {"scan_count", cell.scan_count},
-                     {"statistics", statistics_to_json(cell.statistics)},
-                     {"indices", cell.indices},
-                     {"planes", planes_to_json(cell)}};
+  const Json json = {
+      {"hash", to_hex(hash)},
+      {"lattice", {{"kind", to_string(cell.lattice.kind)}, {"size", cell.lattice.size}}},
+      {"session", cell.session},
+      {"sequence", cell.sequence},
+      {"T_odom_cell", to_xyz_qxyzw(cell.T_odom_cell)},
+      {"first_stamp", cell.first_stamp},
+      {"last_stamp", cell.last_stamp},
+      {"first_scan", cell.first_scan},
+      {"scan_count", cell.scan_count},
+      {"statistics", statistics_to_json(cell.statistics)},
+      {"indices", cell.indices},
+      {"planes", planes_to_json(cell)}};
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <string>
 
+#include "cellmap/codec/constraint_wire.hpp"
 #include "cellmap/codec/verified_buffer.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/schema/pose_graph_generated.h"
@@ -18,10 +19,6 @@ static_assert(sizeof(schema::Node) == 104 && sizeof(schema::Information) == 168 
 constexpr BufferKind kPoseGraphKind = {
     "pose graph", "CPGR", kMaxPoseGraphBytes,
     [](flatbuffers::Verifier& v) { return schema::VerifyPoseGraphBuffer(v); }};
-
-/// A constraint with storage of its own takes more bytes than this, so a buffer that needs more
-/// tables repeats some of them to make its decoder allocate.
-constexpr std::size_t kMinConstraintBytes = 256;
 
 std::string name_of(const Constraint& constraint) {
   return "constraint " + std::to_string(constraint.id.value) + " from CELL " +
@@ -50,20 +47,11 @@ void check_kinds(const Constraint& constraint) {
                                            std::to_string(origin) + " is unknown to this build");
 }
 
-void check_constraint(const Constraint& constraint, const PoseGraph& graph) {
-  try {
-    check_kinds(constraint);
-    validate(constraint);
-    check_scores(constraint.scores);
-    for (const CellId cell : {constraint.from, constraint.to}) {
-      if (!graph.nodes.contains(cell)) {
-        throw corrupt("CELL " + std::to_string(cell.value) + " is no node of the graph");
-      }
-    }
-  } catch (const Error& error) {
-    const bool unsupported = error.code() == ErrorCode::kUnsupported;
-    throw Error(unsupported ? ErrorCode::kUnsupported : ErrorCode::kCorruptData,
-                name_of(constraint) + ": " + error.what());
+void check_ends(const Constraint& constraint, const PoseGraph& graph) {
+  for (const CellId cell : {constraint.from, constraint.to}) {
+    if (graph.nodes.contains(cell)) continue;
+    throw corrupt(name_of(constraint) + ": CELL " + std::to_string(cell.value) +
+                  " is no node of the graph");
   }
 }
 
@@ -71,7 +59,8 @@ void check_constraint(const Constraint& constraint, const PoseGraph& graph) {
 void check_graph(const PoseGraph& graph) {
   ConstraintId last;
   for (const Constraint& constraint : graph.constraints) {
-    check_constraint(constraint, graph);
+    check_constraint(constraint);
+    check_ends(constraint, graph);
     if (constraint.id.value == 0) continue;  // not numbered yet
     if (constraint.id <= last) {
       throw corrupt(name_of(constraint) + ": it follows constraint " + std::to_string(last.value) +
@@ -114,6 +103,8 @@ RegistrationScores scores_from_wire(const schema::Scores* wire) {
           .median_residual_m = wire->median_residual_m()};
 }
 
+}  // namespace
+
 flatbuffers::Offset<schema::Constraint> constraint_to_wire(flatbuffers::FlatBufferBuilder& builder,
                                                            const Constraint& c) {
   const schema::Pose T_from_to = pose_to_wire(c.T_from_to);
@@ -136,6 +127,20 @@ Constraint constraint_from_wire(const schema::Constraint& wire) {
   c.scores = scores_from_wire(wire.scores());
   return c;
 }
+
+void check_constraint(const Constraint& constraint) {
+  try {
+    check_kinds(constraint);
+    validate(constraint);
+    check_scores(constraint.scores);
+  } catch (const Error& error) {
+    const bool unsupported = error.code() == ErrorCode::kUnsupported;
+    throw Error(unsupported ? ErrorCode::kUnsupported : ErrorCode::kCorruptData,
+                name_of(constraint) + ": " + error.what());
+  }
+}
+
+namespace {
 
 std::map<CellId, Pose> nodes_from_wire(const flatbuffers::Vector<const schema::Node*>& wire) {
   std::map<CellId, Pose> nodes;

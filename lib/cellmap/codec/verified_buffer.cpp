@@ -31,14 +31,6 @@ flatbuffers::Verifier verifier_of(std::span<const std::byte> bytes, std::size_t 
                                kMaxDepth, static_cast<flatbuffers::uoffset_t>(max_tables));
 }
 
-void check_size(std::span<const std::byte> bytes, const BufferKind& kind) {
-  if (bytes.size() > kind.max_bytes) {
-    throw Error(ErrorCode::kTooLarge, std::string("a ") + kind.name + " has at most " +
-                                          std::to_string(kind.max_bytes) + " bytes, but " +
-                                          std::to_string(bytes.size()) + " were given");
-  }
-}
-
 void check_identifier(std::span<const std::byte> bytes, const BufferKind& kind) {
   if (bytes.size() < 2 * kIdentifierOffset) {
     throw corrupt(kind, "expected at least 8 bytes, found " + std::to_string(bytes.size()));
@@ -68,6 +60,14 @@ void check_version(std::span<const std::byte> bytes, const BufferKind& kind) {
 }
 
 }  // namespace
+
+void check_size(std::span<const std::byte> bytes, const BufferKind& kind) {
+  if (bytes.size() > kind.max_bytes) {
+    throw Error(ErrorCode::kTooLarge, std::string("a ") + kind.name + " has at most " +
+                                          std::to_string(kind.max_bytes) + " bytes, but " +
+                                          std::to_string(bytes.size()) + " were given");
+  }
+}
 
 bool is_aligned(std::span<const std::byte> bytes) {
   return reinterpret_cast<std::uintptr_t>(bytes.data()) % kAlignment == 0;

@@ -28,6 +28,9 @@ struct BufferKind {
   bool (*verify)(flatbuffers::Verifier&);  ///< generated: identifier and structure of version 1
 };
 
+/// Throws Error{kTooLarge} over `kind.max_bytes`; `verify_buffer` asks it too.
+void check_size(std::span<const std::byte> bytes, const BufferKind& kind);
+
 /// True where bytes may be read through the generated accessors without copying them first.
 bool is_aligned(std::span<const std::byte> bytes);
 

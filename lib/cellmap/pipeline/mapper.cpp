@@ -4,6 +4,7 @@
 #include <numbers>
 #include <string>
 
+#include "cellmap/cell/cell_builder.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/place/pose_search.hpp"
 
@@ -91,13 +92,22 @@ struct Mapper::Impl {
   Pose T_map_odom;
 
   std::optional<LocalMap> local_map{};
-  std::uint64_t raw_points = 0;  // of the scans of the local map
+  std::optional<CellBuilder> builder{};  // of the local map
+  std::uint64_t raw_points = 0;          // of the scans of the local map
   std::uint32_t next_sequence = 0;
   std::optional<FinishedCell> previous{};
 
   void begin_local_map(Scan scan, const PosedScan& raw) {
     local_map.emplace(std::move(scan), raw.T_odom_sensor, static_cast<std::uint32_t>(raw.index));
+    builder.emplace(*lattice, options.build);
+    builder->update(*local_map);
     raw_points = raw.points.size();
+  }
+
+  void extend_local_map(const Scan& scan, const PosedScan& raw) {
+    local_map->add(scan, raw.T_odom_sensor);
+    builder->update(*local_map);
+    raw_points += raw.points.size();
   }
 
   /// One finished local map becomes a CELL, is tied to its neighbour and to earlier visits, and the
@@ -117,7 +127,7 @@ struct Mapper::Impl {
   }
 
   FinishedCell make_cell() {
-    Cell cell = build_cell(*local_map, *lattice, options.build);
+    Cell cell = builder->finish(*local_map);
     cell.session = session;
     cell.sequence = next_sequence++;
     FinishedCell next;
@@ -227,8 +237,7 @@ std::optional<CellUpdate> Mapper::add(const PosedScan& raw) {
   std::optional<CellUpdate> update;
   std::optional<LocalMap>& local_map = impl_->local_map;
   if (local_map && !local_map->is_complete_for(raw.T_odom_sensor, impl_->options.cell_distance_m)) {
-    local_map->add(scan, raw.T_odom_sensor);
-    impl_->raw_points += raw.points.size();
+    impl_->extend_local_map(scan, raw);
     return update;
   }
   if (local_map) update = impl_->finish_cell();
@@ -240,6 +249,7 @@ std::optional<CellUpdate> Mapper::finish() {
   if (!impl_->local_map) return std::nullopt;
   CellUpdate update = impl_->finish_cell();
   impl_->local_map.reset();
+  impl_->builder.reset();
   return update;
 }
 

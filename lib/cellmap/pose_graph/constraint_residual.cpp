@@ -1,20 +1,9 @@
 #include "cellmap/pose_graph/constraint_residual.hpp"
 
 #include <Eigen/Cholesky>
-#include <cmath>
 
 namespace cellmap {
 namespace {
-
-/// Below this the series of the coefficients is exact to 1e-15.
-constexpr double kSmallAngleRad = 0.02;
-
-Matrix6d algebra_adjoint(const Tangent& xi) {
-  Matrix6d ad = Matrix6d::Zero();
-  ad.topLeftCorner<3, 3>() = ad.bottomRightCorner<3, 3>() = skew(xi.tail<3>());
-  ad.topRightCorner<3, 3>() = skew(xi.head<3>());
-  return ad;
-}
 
 /// A matrix S with S^T S = information, which may be singular.
 Matrix6d square_root(const Matrix6d& information) {
@@ -23,42 +12,50 @@ Matrix6d square_root(const Matrix6d& information) {
   return ldlt.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal() * Matrix6d(ldlt.matrixU()) * P;
 }
 
-}  // namespace
-
-Matrix6d inverse_right_jacobian(const Tangent& xi) {
-  const double angle2 = xi.tail<3>().squaredNorm(), angle = std::sqrt(angle2);
-  double a = 1.0 / 12.0 - angle2 * angle2 / 30240.0;
-  double b = -1.0 / 720.0 - angle2 / 15120.0;
-  if (angle > kSmallAngleRad) {
-    // g(angle) is the even part of x / (1 - e^-x) at x = i angle.
-    const double half = 0.5 * angle, cotangent = 1.0 / std::tan(half), sine = std::sin(half);
-    const double g = half * cotangent;
-    const double slope = 0.5 * cotangent - 0.25 * angle / (sine * sine);
-    a = 2.0 * (1.0 - g) / angle2 + slope / (2.0 * angle);
-    b = (1.0 - g) / (angle2 * angle2) + slope / (2.0 * angle2 * angle);
-  }
-  const Matrix6d ad = algebra_adjoint(xi);
-  const Matrix6d ad2 = ad * ad;
-  return Matrix6d::Identity() + 0.5 * ad + a * ad2 + b * (ad2 * ad2);
+/// From (position error, rotation error) to the left perturbation.
+Matrix6d left_from_error(const Eigen::Vector3d& measured_translation) {
+  Matrix6d A = Matrix6d::Identity();
+  A.topRightCorner<3, 3>() = skew(measured_translation);
+  return A;
 }
 
+/// Of R * M^T, with w >= 0.
+Eigen::Quaterniond rotation_error(const Pose& T_from_to, const Pose& measured) {
+  Eigen::Quaterniond q(T_from_to.linear() * measured.linear().transpose());
+  if (q.w() < 0) q.coeffs() = -q.coeffs();
+  return q;
+}
+
+}  // namespace
+
 ConstraintResidual::ConstraintResidual(const Constraint& constraint)
-    : T_to_from_(constraint.T_from_to.inverse()),
-      whitening_(square_root(constraint.information) * adjoint(constraint.T_from_to)) {}
+    : T_from_to_(constraint.T_from_to) {
+  const Matrix6d A = left_from_error(constraint.T_from_to.translation());
+  whitening_ = square_root(A.transpose() * constraint.information * A);
+}
 
 Tangent ConstraintResidual::error(const Pose& T_from, const Pose& T_to) const {
-  return whitening_ * log(T_to_from_ * (T_from.inverse() * T_to));
+  const Pose T = T_from.inverse() * T_to;
+  Tangent error;
+  error << T.translation() - T_from_to_.translation(), 2.0 * rotation_error(T, T_from_to_).vec();
+  return whitening_ * error;
 }
 
 ConstraintResidual::Linear ConstraintResidual::linearise(const Pose& T_from,
                                                          const Pose& T_to) const {
-  const Pose T_from_to = T_from.inverse() * T_to;
+  const Pose T = T_from.inverse() * T_to;
+  const Eigen::Quaterniond q = rotation_error(T, T_from_to_);
+  Tangent error;
+  error << T.translation() - T_from_to_.translation(), 2.0 * q.vec();
+
+  // A rotation by the small vector d is (1, d / 2): from the right q * (1, M d / 2), whose doubled
+  // vector part is 2 v + (w I + [v]x) M d; from the left (1, -d / 2) * q.
+  const Eigen::Matrix3d wI = q.w() * Eigen::Matrix3d::Identity(), v = skew(q.vec());
+  const auto translation = whitening_.leftCols<3>(), rotation = whitening_.rightCols<3>();
   Linear linear;
-  const Tangent xi = log(T_to_from_ * T_from_to);
-  linear.error = whitening_ * xi;
-  linear.by_to = whitening_ * inverse_right_jacobian(xi);
-  // exp(-d) * T_from_to = T_from_to * exp(-Ad(T_from_to^-1) * d)
-  linear.by_from = -linear.by_to * adjoint(T_from_to.inverse());
+  linear.error = whitening_ * error;
+  linear.by_to << translation * T.linear(), rotation * ((wI + v) * T_from_to_.linear());
+  linear.by_from << -translation, translation * skew(T.translation()) - rotation * (wI - v);
   return linear;
 }
 

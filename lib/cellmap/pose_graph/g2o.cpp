@@ -1,3 +1,4 @@
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -6,9 +7,13 @@
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
+#include "cellmap/pose_graph/start.hpp"
 
 namespace cellmap {
 namespace {
+
+constexpr double kLargestCoordinateM = 1e8;
+constexpr std::size_t kMostRecords = 5'000'000;
 
 void append(std::string& text, double value) {
   std::array<char, 32> buffer;
@@ -54,11 +59,17 @@ class LineReader {
     return value;
   }
 
+  double coordinate() {
+    const double value = number<double>();
+    if (!(std::abs(value) <= kLargestCoordinateM)) refuse("a coordinate is beyond 1e8 m");
+    return value;
+  }
+
   CellId id() { return CellId{number<std::uint32_t>()}; }
 
   Pose pose() {
     std::array<double, 7> values;
-    for (double& value : values) value = number<double>();
+    for (double& value : values) value = coordinate();
     // Some writers leave the quaternion unnormalised in the last digits; a zero one is still
     // refused.
     const double norm = std::sqrt(values[3] * values[3] + values[4] * values[4] +
@@ -72,14 +83,28 @@ class LineReader {
     }
   }
 
-  Matrix6d upper_triangle() {
-    Matrix6d M;
-    for (int row = 0; row < 6; ++row) {
-      for (int column = row; column < 6; ++column) {
+  /// x, y and heading.
+  Pose planar_pose() {
+    const double x = coordinate(), y = coordinate(), heading = coordinate();
+    Pose T = Pose::Identity();
+    T.translation() << x, y, 0;
+    T.rotate(Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ()));
+    return T;
+  }
+
+  template <int Size>
+  Eigen::Matrix<double, Size, Size> upper_triangle() {
+    Eigen::Matrix<double, Size, Size> M;
+    for (int row = 0; row < Size; ++row) {
+      for (int column = row; column < Size; ++column) {
         M(row, column) = M(column, row) = number<double>();
       }
     }
     return M;
+  }
+
+  void end() {
+    if (!word().empty()) refuse("expected the end of the line");
   }
 
   [[noreturn]] void refuse(const std::string& why) const {
@@ -102,12 +127,44 @@ Matrix6d left_from_right(const Matrix6d& information, const Pose& T) {
   return right_from_left(information, T.inverse());
 }
 
-Constraint read_edge(LineReader& line) {
+/// In Ceres' example errors are those of the position in the axes of `from` and, with the sign
+/// turned, of the rotation: (rho + phi x t, -phi) of the left perturbation. And it whitens with the
+/// factor L of L * L^T, where L^T were right, so that its matrix is L^T * L.
+Matrix6d left_from_ceres(const Matrix6d& file, const Pose& T) {
+  const Matrix6d L = file.llt().matrixL();
+  const Matrix6d information = L.transpose() * L;
+  Matrix6d error_from_left = Matrix6d::Identity();
+  error_from_left.topRightCorner<3, 3>() = -skew(T.translation());
+  error_from_left.bottomRightCorner<3, 3>() *= -1;
+  return error_from_left.transpose() * information * error_from_left;
+}
+
+/// The two axes and the heading of the plane as measured; what the plane leaves open as certain as
+/// the means of those, and consistent, so that nothing leaves the plane.
+Matrix6d lifted(const Eigen::Matrix3d& planar) {
+  constexpr std::array<int, 3> kPlanar{0, 1, 5};
+  Matrix6d information = Matrix6d::Zero();
+  information(2, 2) = 0.5 * (planar(0, 0) + planar(1, 1));
+  information(3, 3) = information(4, 4) = planar(2, 2);
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      information(kPlanar[row], kPlanar[column]) = planar(row, column);
+    }
+  }
+  return information;
+}
+
+Constraint read_edge(LineReader& line, bool is_planar, G2oInformation meaning) {
   Constraint edge;
   edge.from = line.id();
   edge.to = line.id();
-  edge.T_from_to = line.pose();
-  edge.information = left_from_right(line.upper_triangle(), edge.T_from_to);
+  edge.T_from_to = is_planar ? line.planar_pose() : line.pose();
+  const Matrix6d information =
+      is_planar ? lifted(line.upper_triangle<3>()) : line.upper_triangle<6>();
+  line.end();
+  edge.information = meaning == G2oInformation::kRightPerturbation
+                         ? left_from_right(information, edge.T_from_to)
+                         : left_from_ceres(information, edge.T_from_to);
   edge.information = 0.5 * (edge.information + edge.information.transpose()).eval();
   const bool consecutive = edge.to.value == edge.from.value + 1;
   edge.kind = consecutive ? ConstraintKind::kOdometry : ConstraintKind::kLoop;
@@ -117,6 +174,28 @@ Constraint read_edge(LineReader& line) {
     line.refuse(error.what());
   }
   return edge;
+}
+
+void read_record(LineReader& line, G2oInformation meaning, PoseGraph& graph) {
+  const std::string_view tag = line.word();
+  const bool is_planar = tag.ends_with("_SE2");
+  if (tag == "VERTEX_SE3:QUAT" || tag == "VERTEX_SE2") {
+    const CellId id = line.id();
+    const Pose T = is_planar ? line.planar_pose() : line.pose();
+    line.end();
+    if (!graph.nodes.emplace(id, T).second) {
+      line.refuse("vertex " + std::to_string(id.value) + " is there twice");
+    }
+  } else if (tag == "EDGE_SE3:QUAT" || tag == "EDGE_SE2") {
+    graph.constraints.push_back(read_edge(line, is_planar, meaning));
+    graph.constraints.back().id = {static_cast<std::uint32_t>(graph.constraints.size())};
+  } else if (tag.starts_with("VERTEX_") || tag.starts_with("EDGE_")) {
+    line.refuse("'" + std::string(tag.substr(0, 40)) +
+                "' is not supported; expected poses in SE3:QUAT or SE2");
+  }
+  if (graph.nodes.size() + graph.constraints.size() > kMostRecords) {
+    line.refuse("more than 5 million records");
+  }
 }
 
 }  // namespace
@@ -141,28 +220,23 @@ std::string to_g2o(const PoseGraph& graph) {
   return text;
 }
 
-PoseGraph pose_graph_from_g2o(std::string_view text) {
+PoseGraph pose_graph_from_g2o(std::string_view text, G2oInformation meaning) {
   PoseGraph graph;
   LineReader line(text);
-  while (line.next()) {
-    const std::string_view tag = line.word();
-    if (tag == "VERTEX_SE3:QUAT") {
-      const CellId id = line.id();
-      if (!graph.nodes.emplace(id, line.pose()).second) {
-        line.refuse("vertex " + std::to_string(id.value) + " is there twice");
-      }
-    } else if (tag == "EDGE_SE3:QUAT") {
-      graph.constraints.push_back(read_edge(line));
-      graph.constraints.back().id = {static_cast<std::uint32_t>(graph.constraints.size())};
-    }
-  }
+  while (line.next()) read_record(line, meaning, graph);
+  const bool has_poses = !graph.nodes.empty();
   for (const Constraint& edge : graph.constraints) {
-    if (!graph.nodes.contains(edge.from) || !graph.nodes.contains(edge.to)) {
-      throw Error(ErrorCode::kCorruptData, "g2o: the edge from " + std::to_string(edge.from.value) +
-                                               " to " + std::to_string(edge.to.value) +
-                                               " names a vertex that is not in the file");
+    for (const CellId id : {edge.from, edge.to}) {
+      if (has_poses && !graph.nodes.contains(id)) {
+        throw Error(ErrorCode::kCorruptData,
+                    "g2o: the edge from " + std::to_string(edge.from.value) + " to " +
+                        std::to_string(edge.to.value) + " names vertex " +
+                        std::to_string(id.value) + ", which is not in the file");
+      }
+      graph.nodes.try_emplace(id, Pose::Identity());
     }
   }
+  if (!has_poses) graph.nodes = spanning_tree_start(graph);
   return graph;
 }
 

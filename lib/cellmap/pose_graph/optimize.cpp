@@ -1,331 +1,241 @@
-#include <ceres/ceres.h>
-
 #include <algorithm>
 #include <cmath>
-#include <deque>
-#include <numeric>
+#include <string>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/pose_graph/constraint_residual.hpp"
+#include "cellmap/pose_graph/components.hpp"
+#include "cellmap/pose_graph/islands.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
+#include "cellmap/pose_graph/start.hpp"
+#include "cellmap/pose_graph/weighted_problem.hpp"
 
 namespace cellmap {
 namespace {
-
-constexpr double kMovedTranslationM = 1e-4;
-constexpr double kMovedRotationRad = 1e-6;
-
-/// A step in which no node moves farther than this is the last one; steps shrink quadratically, so
-/// what it leaves is far below what counts as moved.
-constexpr double kLastStepM = 1e-5;
-constexpr double kLastStepRad = 1e-7;
 
 /// A loop longer than this many loss scales is stretched: it pulls so little that what it
 /// contradicts may hold it open. By chance no true loop is so long at the solution.
 constexpr double kStretchedScales = 2;
 
-/// Relative decrease of the cost that ends the approach; the solution need not be precise.
+/// Relative decrease of the cost that ends a solution that need not be precise.
 constexpr double kApproachTolerance = 1e-3;
 
-/// Relative changes of the cost and of the poses that may be nothing but rounding.
-constexpr double kRoundingTolerance = 1e-14;
+/// Loops may come and go at the border of rejection; this often they may.
+constexpr int kMostJudgements = 8;
 
-/// So large that steps are Gauss-Newton's; Ceres halves it and more where such a step fails.
-constexpr double kTrustRegionRadius = 1e16;
+/// By how much graduated non-convexity raises its control parameter, and how often at most.
+constexpr double kGraduation = 1.4;
+constexpr int kMostGraduations = 100;
 
-using Poses = std::vector<Pose>;
-
-/// Ceres' parameter block of a node is its 4x4 matrix.
-constexpr int kPoseNumbers = 16;
-static_assert(sizeof(Pose) == kPoseNumbers * sizeof(double));
-
-Pose to_pose(const double* numbers) { return Pose(Eigen::Map<const Eigen::Matrix4d>(numbers)); }
-
-using PoseJacobian = Eigen::Matrix<double, 6, kPoseNumbers, Eigen::RowMajor>;
-
-/// Steps are right perturbations, T * exp(d). Ceres only ever uses the product of a residual's
-/// Jacobian and this one, so residuals give their derivatives by d in the first six columns, and
-/// this one picks them out.
-class RightPerturbation : public ceres::Manifold {
- public:
-  int AmbientSize() const override { return kPoseNumbers; }
-  int TangentSize() const override { return 6; }
-
-  bool Plus(const double* x, const double* d, double* sum) const override {
-    const Pose T = to_pose(x) * exp(Eigen::Map<const Tangent>(d));
-    std::copy_n(T.data(), kPoseNumbers, sum);
-    return true;
-  }
-  bool PlusJacobian(const double* /*x*/, double* jacobian) const override {
-    Eigen::Map<Eigen::Matrix<double, kPoseNumbers, 6, Eigen::RowMajor>> out(jacobian);
-    out.setIdentity();
-    return true;
-  }
-  bool Minus(const double* y, const double* x, double* difference) const override {
-    Eigen::Map<Tangent>{difference} = log(to_pose(x).inverse() * to_pose(y));
-    return true;
-  }
-  bool MinusJacobian(const double* /*x*/, double* jacobian) const override {
-    Eigen::Map<PoseJacobian>{jacobian}.setIdentity();
-    return true;
-  }
-};
-
-class ConstraintCost : public ceres::SizedCostFunction<6, kPoseNumbers, kPoseNumbers> {
- public:
-  explicit ConstraintCost(const Constraint& constraint) : residual_(constraint) {}
-
-  bool Evaluate(const double* const* poses, double* error, double** jacobians) const override {
-    const Pose T_from = to_pose(poses[0]), T_to = to_pose(poses[1]);
-    Eigen::Map<Tangent> error_out(error);
-    if (jacobians == nullptr) {
-      error_out = residual_.error(T_from, T_to);
-      return true;
-    }
-    const ConstraintResidual::Linear linear = residual_.linearise(T_from, T_to);
-    error_out = linear.error;
-    write(linear.by_from, jacobians[0]);
-    write(linear.by_to, jacobians[1]);
-    return true;
-  }
-
-  double squared_error(const Pose& T_from, const Pose& T_to) const {
-    return residual_.error(T_from, T_to).squaredNorm();
-  }
-
- private:
-  static void write(const Matrix6d& derivative, double* jacobian) {
-    if (jacobian == nullptr) return;  // of a fixed pose
-    Eigen::Map<PoseJacobian> out(jacobian);
-    out.leftCols<6>() = derivative;
-    out.rightCols<kPoseNumbers - 6>().setZero();
-  }
-
-  ConstraintResidual residual_;
-};
-
-/// Dynamic covariance scaling (Agarwal et al., ICRA 2013): squared errors up to c^2 count in full,
-/// so that the steps towards a solution of true loops shrink quadratically; beyond it the weight
-/// falls with the fourth power of the error, so that a false loop does not bend the map.
-class ScaledCovariance : public ceres::LossFunction {
- public:
-  explicit ScaledCovariance(double scale) : c2_(scale * scale) {}
-
-  void Evaluate(double s, double rho[3]) const override {
-    if (s <= c2_) {
-      rho[0] = s, rho[1] = 1, rho[2] = 0;
-      return;
-    }
-    const double w = 2 * c2_ / (c2_ + s);
-    rho[0] = c2_ * (3 - 2 * w);
-    rho[1] = w * w;
-    rho[2] = -2 * w * w / (c2_ + s);
-  }
-
- private:
-  double c2_;
-};
-
-/// The lowest node of the component of each node (union-find with path halving).
-class Components {
- public:
-  explicit Components(std::size_t nodes) : lowest_(nodes) {
-    std::iota(lowest_.begin(), lowest_.end(), std::size_t{0});
-  }
-  std::size_t lowest(std::size_t i) {
-    for (; lowest_[i] != i; i = lowest_[i]) lowest_[i] = lowest_[lowest_[i]];
-    return i;
-  }
-  void join(std::size_t a, std::size_t b) {
-    a = lowest(a);
-    b = lowest(b);
-    lowest_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::size_t> lowest_;
-};
-
-bool has_moved(const Pose& before, const Pose& after, double translation_m, double rotation_rad) {
-  return (before.translation() - after.translation()).norm() > translation_m ||
-         angle_between_rad(before, after) > rotation_rad;
+bool has_moved(const Pose& before, const Pose& after) {
+  return (before.translation() - after.translation()).norm() > kMovedTranslationM ||
+         angle_between_rad(before, after) > kMovedRotationRad;
 }
-
-/// Ends the solution with the first step in which no pose moves by more than the bound.
-class LastStep : public ceres::IterationCallback {
- public:
-  explicit LastStep(const Poses& poses) : poses_(poses), before_(poses) {}
-
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& iteration) override {
-    if (iteration.iteration == 0 || !iteration.step_is_successful) return ceres::SOLVER_CONTINUE;
-    bool moved = false;
-    for (std::size_t i = 0; i < poses_.size() && !moved; ++i) {
-      moved = has_moved(before_[i], poses_[i], kLastStepM, kLastStepRad);
-    }
-    before_ = poses_;
-    return moved ? ceres::SOLVER_CONTINUE : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
-  }
-
- private:
-  const Poses& poses_;
-  Poses before_;
-};
-
-/// Owns what its Ceres problem refers to, so that one problem serves every loss.
-class Problem {
- public:
-  Problem(const PoseGraph& graph, const PoseGraphOptions& options)
-      : options_(options),
-        bounded_pull_(std::max(options.loop_loss_scale, kLeastLossScale)),
-        scaled_covariance_(std::max(options.loop_loss_scale, kLeastLossScale)),
-        problem_(problem_options()) {
-    for (const auto& [id, T] : graph.nodes) {
-      if (!is_rigid(T)) {
-        throw Error(ErrorCode::kInvalidArgument,
-                    "CELL " + std::to_string(id.value) + " has a pose that is not rigid");
-      }
-      ids_.push_back(id);
-      poses_.push_back(T);
-    }
-    for (const Constraint& constraint : graph.constraints) add(constraint);
-    fix_gauge();
-  }
-
-  const Poses& poses() const { return poses_; }
-
-  PoseGraphSummary solve() {
-    if (terms_.empty()) return {.converged = true};
-    PoseGraphSummary summary;
-    summary.initial_cost = cost();
-    if (has_stretched_loop()) {
-      loop_loss_.Reset(&bounded_pull_, ceres::DO_NOT_TAKE_OWNERSHIP);
-      summary.iterations = steps(run(options_.max_iterations, kApproachTolerance));
-    }
-    if (options_.loop_loss_scale > 0) {
-      loop_loss_.Reset(&scaled_covariance_, ceres::DO_NOT_TAKE_OWNERSHIP);
-    }
-    const ceres::Solver::Summary solved =
-        run(options_.max_iterations - summary.iterations, kRoundingTolerance);
-    summary.iterations += steps(solved);
-    summary.final_cost = cost();
-    summary.converged = solved.termination_type == ceres::CONVERGENCE ||
-                        solved.termination_type == ceres::USER_SUCCESS;
-    return summary;
-  }
-
- private:
-  static constexpr double kLeastLossScale = 1e-3;
-
-  struct Term {
-    Term(const Constraint& constraint, std::size_t from_node, std::size_t to_node)
-        : cost(constraint),
-          from(from_node),
-          to(to_node),
-          is_loop(constraint.kind == ConstraintKind::kLoop) {}
-
-    ConstraintCost cost;
-    std::size_t from, to;  ///< nodes
-    bool is_loop;
-  };
-
-  static ceres::Problem::Options problem_options() {
-    ceres::Problem::Options options;
-    options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    options.disable_all_safety_checks = true;
-    return options;
-  }
-
-  void add(const Constraint& constraint) {
-    validate(constraint);
-    Term& term =
-        terms_.emplace_back(constraint, position(constraint.from), position(constraint.to));
-    problem_.AddResidualBlock(&term.cost, term.is_loop ? &loop_loss_ : nullptr,
-                              poses_[term.from].data(), poses_[term.to].data());
-  }
-
-  std::size_t position(CellId id) const {
-    const auto found = std::lower_bound(ids_.begin(), ids_.end(), id);
-    if (found == ids_.end() || *found != id) {
-      throw Error(ErrorCode::kInvalidArgument, "a constraint names CELL " +
-                                                   std::to_string(id.value) +
-                                                   ", which is not in the pose graph");
-    }
-    return static_cast<std::size_t>(found - ids_.begin());
-  }
-
-  double loss(const Term& term) const {
-    const double s = term.cost.squared_error(poses_[term.from], poses_[term.to]);
-    if (!term.is_loop || options_.loop_loss_scale == 0) return s;
-    double rho[3];
-    scaled_covariance_.Evaluate(s, rho);
-    return rho[0];
-  }
-
-  double cost() const {
-    return 0.5 * std::accumulate(terms_.begin(), terms_.end(), 0.0,
-                                 [&](double sum, const Term& term) { return sum + loss(term); });
-  }
-
-  bool has_stretched_loop() const {
-    const double limit = std::pow(kStretchedScales * options_.loop_loss_scale, 2);
-    return limit > 0 && std::any_of(terms_.begin(), terms_.end(), [&](const Term& term) {
-             return term.is_loop &&
-                    term.cost.squared_error(poses_[term.from], poses_[term.to]) > limit;
-           });
-  }
-
-  ceres::Solver::Summary run(int max_iterations, double cost_tolerance) {
-    LastStep last_step(poses_);
-    ceres::Solver::Options solver;
-    solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    solver.max_num_iterations = max_iterations;
-    solver.initial_trust_region_radius = kTrustRegionRadius;
-    solver.function_tolerance = cost_tolerance;
-    solver.gradient_tolerance = 0;
-    solver.parameter_tolerance = kRoundingTolerance;
-    solver.num_threads = 1;
-    solver.logging_type = ceres::SILENT;
-    solver.callbacks = {&last_step};
-    solver.update_state_every_iteration = true;
-    ceres::Solver::Summary summary;
-    ceres::Solve(solver, &problem_, &summary);
-    return summary;
-  }
-
-  static int steps(const ceres::Solver::Summary& summary) {
-    return static_cast<int>(summary.iterations.size()) - 1;
-  }
-
-  /// Every component's lowest node stays.
-  void fix_gauge() {
-    Components components(poses_.size());
-    for (const Term& term : terms_) components.join(term.from, term.to);
-    for (std::size_t i = 0; i < poses_.size(); ++i) {
-      double* block = poses_[i].data();
-      if (!problem_.HasParameterBlock(block)) continue;
-      problem_.SetManifold(block, &manifold_);
-      if (components.lowest(i) == i) problem_.SetParameterBlockConstant(block);
-    }
-  }
-
-  const PoseGraphOptions& options_;
-  std::vector<CellId> ids_;  // ascending
-  Poses poses_;
-  std::deque<Term> terms_;  // does not move what Ceres points at
-  RightPerturbation manifold_;
-  ceres::CauchyLoss bounded_pull_;
-  ScaledCovariance scaled_covariance_;
-  ceres::LossFunctionWrapper loop_loss_{nullptr, ceres::DO_NOT_TAKE_OWNERSHIP};
-  ceres::Problem problem_;
-};
 
 Pose normalised(Pose T) {
   T.linear() = Eigen::Quaterniond(T.linear()).normalized().toRotationMatrix();
   return T;
 }
+
+/// The weight of truncated least squares at squared residual s, smoothed by mu (Yang et al., 14).
+double graduated_weight(double s, double c2, double mu) {
+  if (s <= mu / (mu + 1) * c2) return 1;
+  if (s >= (mu + 1) / mu * c2) return 0;
+  return std::sqrt(c2 * mu * (mu + 1) / s) - mu;
+}
+
+class Optimisation {
+ public:
+  using Loss = WeightedProblem::Loss;
+
+  Optimisation(PoseGraph& graph, const PoseGraphOptions& options)
+      : graph_(graph),
+        options_(options),
+        is_robust_(options.loop_loss_scale > 0),
+        c2_(options.loop_loss_scale * options.loop_loss_scale),
+        stretched_(kStretchedScales * kStretchedScales * c2_),
+        problem_(graph, options.loop_loss_scale, 1) {
+    for (std::size_t i = 0; i < graph.constraints.size(); ++i) {
+      if (!is_trusted(graph.constraints[i])) loops_.push_back(i);
+    }
+    weights_.assign(loops_.size(), 1.0);
+  }
+
+  PoseGraphSummary run() {
+    PoseGraphSummary summary;
+    summary.initial_cost = cost();
+    recall_rejections();
+    const bool is_new = is_robust_ && has_stretched_loop();
+    choose_start(is_new);
+    if (is_new && has_stretched_loop()) judge_anew();
+    summary.converged = solve_and_judge();
+    summary.iterations = steps_;
+    summary.final_cost = cost();
+    summary.moved = write_poses();
+    summary.rejected = write_weights();
+    return summary;
+  }
+
+ private:
+  Loss final_loss() const { return is_robust_ ? Loss::kScaled : Loss::kNone; }
+
+  /// Half the sum after the loss, whatever is rejected.
+  double cost() {
+    const std::vector<double> kept = weights_;
+    set_weights(std::vector<double>(loops_.size(), 1.0));
+    problem_.set_loss(final_loss());
+    const double cost = problem_.cost();
+    set_weights(kept);
+    return cost;
+  }
+
+  void set_weights(const std::vector<double>& weights) {
+    weights_ = weights;
+    for (std::size_t k = 0; k < loops_.size(); ++k) problem_.set_weight(loops_[k], weights_[k]);
+  }
+
+  double chi2(std::size_t k) const { return problem_.chi2(loops_[k]); }
+
+  bool solve(double tolerance) {
+    const auto solution = problem_.solve(options_.max_iterations, tolerance);
+    steps_ += solution.steps;
+    return solution.converged;
+  }
+
+  void recall_rejections() {
+    if (!is_robust_) return;
+    std::vector<double> weights;
+    for (const std::size_t i : loops_) {
+      weights.push_back(graph_.constraints[i].weight == 0 ? 0.0 : 1.0);
+    }
+    set_weights(weights);
+  }
+
+  bool has_stretched_loop() const {
+    for (std::size_t k = 0; k < loops_.size(); ++k) {
+      if (weights_[k] > 0 && chi2(k) > stretched_) return true;
+    }
+    return false;
+  }
+
+  /// The poses of least cost, with a loss that does not hide a loop that is far off.
+  void choose_start(bool place_islands) {
+    place_islands &= has_islands(graph_);
+    if (!place_islands && options_.start == GraphStart::kGiven) return;
+    problem_.set_loss(is_robust_ ? Loss::kCauchy : Loss::kNone);
+    std::vector<Pose> best = problem_.poses();
+    double least = problem_.cost();
+    const auto consider = [&](const std::map<CellId, Pose>& poses) {
+      problem_.set_poses(poses);
+      if (problem_.cost() < least) best = problem_.poses(), least = problem_.cost();
+    };
+    if (place_islands) {
+      consider(island_start(graph_, options_.least_joining_loops, options_.loop_loss_scale));
+    }
+    if (options_.start == GraphStart::kBest) {
+      consider(spanning_tree_start(graph_));
+      consider(chordal_start(graph_));
+    }
+    problem_.set_poses(best);
+  }
+
+  /// Brings all loops together by a pull that is bounded, rejected ones too.
+  void judge_anew() {
+    set_weights(std::vector<double>(loops_.size(), 1.0));
+    problem_.set_loss(Loss::kCauchy);
+    solve(kApproachTolerance);
+    if (options_.robustness == LoopRobustness::kGraduated) graduate();
+  }
+
+  void graduate() {
+    double longest = 0;
+    for (std::size_t k = 0; k < loops_.size(); ++k) longest = std::max(longest, chi2(k));
+    if (2 * longest <= c2_) return;
+    problem_.set_loss(Loss::kNone);
+    double mu = c2_ / (2 * longest - c2_);
+    for (int i = 0; i < kMostGraduations; ++i) {
+      std::vector<double> weights;
+      for (std::size_t k = 0; k < loops_.size(); ++k) {
+        weights.push_back(graduated_weight(chi2(k), c2_, mu));
+      }
+      set_weights(weights);
+      solve(kApproachTolerance);
+      const bool is_decided = std::all_of(weights.begin(), weights.end(),
+                                          [](double weight) { return weight == 0 || weight == 1; });
+      if (is_decided && mu > 1) break;
+      mu *= kGraduation;
+    }
+  }
+
+  /// Solves until no loop is rejected or comes back.
+  bool solve_and_judge() {
+    problem_.set_loss(final_loss());
+    for (double& weight : weights_) weight = weight > 0 ? 1.0 : 0.0;
+    set_weights(weights_);
+    bool converged = solve(0);
+    for (int i = 0; i < kMostJudgements && is_robust_ && judge(); ++i) converged = solve(0);
+    return converged;
+  }
+
+  bool judge() {
+    std::vector<double> judged = weights_;
+    for (std::size_t k = 0; k < loops_.size(); ++k) {
+      if (chi2(k) > stretched_) judged[k] = 0;
+      if (chi2(k) <= c2_) judged[k] = 1;
+    }
+    if (judged == weights_) return false;
+    set_weights(judged);
+    return true;
+  }
+
+  /// What moved little keeps its bits, so that readers see no change. A component that only
+  /// rejected loops tie to others goes back, as a rigid body, to where its lowest node was.
+  std::size_t write_poses() {
+    Components components(graph_.nodes.size());
+    std::vector<CellId> ids;
+    for (const auto& [id, T] : graph_.nodes) ids.push_back(id);
+    const auto position = [&](CellId id) {
+      return static_cast<std::size_t>(std::lower_bound(ids.begin(), ids.end(), id) - ids.begin());
+    };
+    for (std::size_t i = 0; i < graph_.constraints.size(); ++i) {
+      const Constraint& c = graph_.constraints[i];
+      if (problem_.weight(i) > 0) components.join(position(c.from), position(c.to));
+    }
+    std::size_t moved = 0, i = 0;
+    std::vector<Pose> back(ids.size());
+    for (auto& [id, T] : graph_.nodes) {
+      const Pose& T_found = problem_.poses()[i];
+      const std::size_t lowest = components.lowest(i);
+      if (lowest == i) back[i] = T * T_found.inverse();
+      const bool stayed = back[lowest].matrix().isIdentity(1e-12);
+      const Pose T_new = lowest == i ? T : stayed ? T_found : back[lowest] * T_found;
+      if (has_moved(T, T_new)) T = normalised(T_new), ++moved;
+      ++i;
+    }
+    return moved;
+  }
+
+  /// Returns how many are rejected.
+  std::size_t write_weights() {
+    problem_.set_poses(graph_.nodes);
+    std::size_t rejected = 0;
+    for (std::size_t i = 0; i < graph_.constraints.size(); ++i) {
+      graph_.constraints[i].weight = problem_.weight(i);
+      graph_.constraints[i].chi2 = problem_.chi2(i);
+      rejected += graph_.constraints[i].weight == 0;
+    }
+    return rejected;
+  }
+
+  PoseGraph& graph_;
+  const PoseGraphOptions& options_;
+  const bool is_robust_;
+  const double c2_, stretched_;
+  WeightedProblem problem_;
+  std::vector<std::size_t> loops_;  ///< constraints that are judged
+  std::vector<double> weights_;     ///< of those
+  int steps_ = 0;
+};
 
 }  // namespace
 
@@ -346,17 +256,7 @@ void PoseGraphOptions::validate() const {
 
 PoseGraphSummary optimize(PoseGraph& graph, const PoseGraphOptions& options) {
   options.validate();
-  Problem problem(graph, options);
-  PoseGraphSummary summary = problem.solve();
-  auto optimised = problem.poses().cbegin();
-  for (auto& [id, T] : graph.nodes) {
-    // What moved less keeps its bits, so that readers see no change.
-    const Pose& T_optimised = *optimised++;
-    if (!has_moved(T, T_optimised, kMovedTranslationM, kMovedRotationRad)) continue;
-    T = normalised(T_optimised);
-    ++summary.moved;
-  }
-  return summary;
+  return Optimisation(graph, options).run();
 }
 
 }  // namespace cellmap

@@ -143,7 +143,7 @@ bool run_stage(const Problem& problem, const RegistrationStage& stage, bool is_l
   return !is_last;
 }
 
-/// Runs all stages; returns the terms of all points.
+/// Runs all stages; returns the terms of the last one.
 std::unique_ptr<StageTerms> iterate(const Problem& problem, RegistrationResult& result) {
   const std::vector<RegistrationStage> stages =
       problem.options.stages.empty() ? default_registration_stages() : problem.options.stages;
@@ -154,8 +154,20 @@ std::unique_ptr<StageTerms> iterate(const Problem& problem, RegistrationResult& 
     }
     if (!run_stage(problem, stages[s], s + 1 == stages.size(), at->terms, result)) break;
   }
-  if (at->most != 0) at = std::make_unique<StageTerms>(problem, 0);
   return at;
+}
+
+/// Scores, information and what the geometry does not hold, at the pose of the result.
+void judge(const Problem& problem, std::span<MatchedTerm> terms, RegistrationResult& result) {
+  const Pose& T = result.T_target_source;
+  std::vector<HitDistances> hits;
+  for (MatchedTerm& term : terms) hits.push_back(term.distances(T));
+  result.scores = scores_of(hits);
+  result.rmse_m = inlier_rmse_m(hits);
+  const HeldMotions held = held_motions(information_of(terms, hits, T), T, problem.median_range_m,
+                                        problem.options.degeneracy_share);
+  result.degeneracy = held.degeneracy;
+  result.information = with_systematic_deviation(held.information, T, problem.options);
 }
 
 RegistrationResult register_terms(std::span<const RegistrationTerm> all_terms,
@@ -166,16 +178,10 @@ RegistrationResult register_terms(std::span<const RegistrationTerm> all_terms,
   const Problem problem{selected.terms, options, median_range_m(selected.terms)};
   RegistrationResult result;
   result.T_target_source = T_initial;
-  const std::unique_ptr<StageTerms> all = iterate(problem, result);
-  std::vector<HitDistances> hits;
-  for (MatchedTerm& term : all->terms) hits.push_back(term.distances(result.T_target_source));
-  result.scores = scores_of(hits);
-  result.rmse_m = inlier_rmse_m(hits);
-  const Matrix6d information = information_of(all->terms, hits, result.T_target_source);
-  const HeldMotions held = held_motions(information, result.T_target_source, problem.median_range_m,
-                                        options.degeneracy_share);
-  result.degeneracy = held.degeneracy;
-  result.information = with_systematic_deviation(held.information, result.T_target_source, options);
+  std::unique_ptr<StageTerms> last = iterate(problem, result);
+  if (!options.judge) return result;
+  if (last->most != 0) last = std::make_unique<StageTerms>(problem, 0);
+  judge(problem, last->terms, result);
   return result;
 }
 

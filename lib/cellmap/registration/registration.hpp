@@ -83,6 +83,10 @@ struct RegistrationOptions {
   /// as half the disagreement between the two directions of neighbouring CELLs of KITTI 00.
   double systematic_translation_m = 0.02;
   double systematic_rotation_deg = 0.05;
+  /// Whether the result is judged: scores, rmse, information and degeneracy, which together cost
+  /// about as much as two iterations on all points. Without it they stay empty, and
+  /// `is_acceptable` refuses the result.
+  bool judge = true;
   /// 0: all. The result does not depend on it: points are summed in fixed chunks.
   int threads = 1;
 

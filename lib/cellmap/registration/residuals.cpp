@@ -54,7 +54,6 @@ struct alignas(64) Block {
   std::size_t begin = 0, count = 0;  // in the scan
   std::array<float, kPointsABlock> x, y, z;
   std::array<std::uint32_t, kPointsABlock> index;
-  std::array<simd::HessePlane, kPointsABlock> planes;
   std::array<float, kPointsABlock> scratch;
 
   simd::Points points() const { return {x.data(), y.data(), z.data()}; }
@@ -93,7 +92,8 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
   const Pose T_cell_scan = moving_pose(term, T);
   const Eigen::Vector3d moved = T_cell_scan * p;
   if (!(moved.squaredNorm() > 0)) return {};  // at the origin there is no direction
-  const std::uint32_t slot = term.target->slot_of(term.target->lattice().nearest(moved));
+  const std::uint32_t index = term.target->lattice().nearest(moved);
+  const std::uint32_t slot = index == Lattice::kNowhere ? 0 : term.target->slot_of(index);
   if (slot == 0) return {};
   const simd::HessePlane& plane = term.target->hesse_plane(slot);
   const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
@@ -141,9 +141,6 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
           slot[k] = block.index[k] == Lattice::kNowhere ? 0 : target.slot_of(block.index[k]);
         }
       }
-      for (std::size_t k = 0; k < block.count; ++k) {
-        block.planes[k] = target.hesse_plane(slot[k]);
-      }
       per_block(block, first / kPointsAChunk);
     }
   });
@@ -152,17 +149,20 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
 void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& stage,
                                        NormalSystem& system) {
   const simd::Weights weights = to_weights(stage);
+  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
   std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
-    simd::accumulate(block.planes.data(), block.points(), block.count, weights, chunks[chunk]);
+    simd::accumulate(planes, slots_.data() + block.begin, block.points(), block.count, weights,
+                     chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);
 }
 
 HitDistances MatchedTerm::distances(const Pose& T) {
+  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
   std::vector<float> distance_m(slots_.size());
   visit(T, [&](Block& block, std::size_t) {
-    simd::distances(block.planes.data(), block.points(), block.count,
+    simd::distances(planes, slots_.data() + block.begin, block.points(), block.count,
                     distance_m.data() + block.begin);
   });
   std::vector<std::uint32_t> plane(slots_.size());
@@ -183,6 +183,7 @@ void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
   assert(weight_of_plane.size() == term_.target->cell().planes.size());
   std::vector<float> weight_of_slot = {0.0f};
   weight_of_slot.insert(weight_of_slot.end(), weight_of_plane.begin(), weight_of_plane.end());
+  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
   simd::Weights weights{simd::Weighting::kGiven, static_cast<float>(gate_m), 0, nullptr};
   std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
@@ -191,7 +192,8 @@ void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
     }
     simd::Weights given = weights;
     given.given = block.scratch.data();
-    simd::accumulate(block.planes.data(), block.points(), block.count, given, chunks[chunk]);
+    simd::accumulate(planes, slots_.data() + block.begin, block.points(), block.count, given,
+                     chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);
 }

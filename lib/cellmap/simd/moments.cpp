@@ -1,6 +1,5 @@
 #include "cellmap/simd/moments.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 // Compiles the rest of this file once for each instruction set.
@@ -17,20 +16,33 @@ namespace hn = hwy::HWY_NAMESPACE;
 using D = hn::CappedTag<double, kMomentLanes>;
 using VD = hn::Vec<D>;
 
-SquaredRanges Centre(const PatchPoint* points, std::size_t count, double* x, double* y, double* z) {
-  const double ox = points[0].x, oy = points[0].y, oz = points[0].z;
-  double least = HUGE_VAL, most = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const double px = points[i].x, py = points[i].y, pz = points[i].z;
-    const double range2 = (px * px + py * py) + pz * pz;
-    least = std::min(least, range2);
-    most = std::max(most, range2);
-    x[i] = px - ox;
-    y[i] = py - oy;
-    z[i] = pz - oz;
+HWY_INLINE VD load(const float* values) {
+  const D d;
+  return hn::PromoteTo(d, hn::LoadU(hn::Rebind<float, D>(), values));
+}
+
+/// (x x + y y) + z z of the points from position `i` on.
+HWY_INLINE VD squared_range(const PatchView& points, std::size_t i) {
+  const VD x = load(points.x + i), y = load(points.y + i), z = load(points.z + i);
+  return hn::Add(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Mul(z, z));
+}
+
+SquaredRanges SquaredRangesOf(const PatchView& points) {
+  const D d;
+  VD least = hn::Set(d, HUGE_VAL), most = hn::Zero(d);
+  for (std::size_t i = 0; i < padded(points.count); i += hn::Lanes(d)) {
+    const VD range2 = squared_range(points, i);
+    least = hn::Min(least, range2);
+    most = hn::Max(most, range2);
   }
-  for (std::size_t i = count; i < padded(count); ++i) x[i] = y[i] = z[i] = 0;
-  return {least, most};
+  return {hn::GetLane(hn::MinOfLanes(d, least)), hn::GetLane(hn::MaxOfLanes(d, most))};
+}
+
+void RangesOf(const PatchView& points, double* ranges) {
+  const D d;
+  for (std::size_t i = 0; i < padded(points.count); i += hn::Lanes(d)) {
+    hn::StoreU(hn::Sqrt(squared_range(points, i)), d, ranges + i);
+  }
 }
 
 /// The sums of kMomentLanes / Lanes(D) neighbouring lanes.
@@ -75,25 +87,36 @@ HWY_INLINE Moments sum_up(std::size_t count, const Add& add) {
   return moments;
 }
 
-Moments MomentsOf(const CentredPoints& points) {
-  const D d;
+/// The origin in every lane, and coordinates about it.
+struct Origin {
+  VD x, y, z;
+
+  explicit Origin(const PatchView& points)
+      : x(hn::Set(D(), points.origin[0])),
+        y(hn::Set(D(), points.origin[1])),
+        z(hn::Set(D(), points.origin[2])) {}
+};
+
+Moments MomentsOf(const PatchView& points) {
+  const Origin origin(points);
   Moments moments = sum_up(points.count, [&](std::size_t i, LaneMoments& sums) HWY_ATTR {
-    const VD x = hn::LoadU(d, points.x + i), y = hn::LoadU(d, points.y + i),
-             z = hn::LoadU(d, points.z + i);
+    const VD x = hn::Sub(load(points.x + i), origin.x), y = hn::Sub(load(points.y + i), origin.y),
+             z = hn::Sub(load(points.z + i), origin.z);
     sums.add(x, y, z, x, y, z);
   });
   moments.count = static_cast<double>(points.count);
   return moments;
 }
 
-Moments MomentsOffPlane(const CentredPoints& points, const std::array<double, 3>& normal,
-                        double offset, double limit) {
+Moments MomentsOffPlane(const PatchView& points, const std::array<double, 3>& normal, double offset,
+                        double limit) {
   const D d;
+  const Origin origin(points);
   const VD nx = hn::Set(d, normal[0]), ny = hn::Set(d, normal[1]), nz = hn::Set(d, normal[2]);
   const VD offsets = hn::Set(d, offset), limits = hn::Set(d, limit), one = hn::Set(d, 1.0);
   Moments moments = sum_up(points.count, [&](std::size_t i, LaneMoments& sums) HWY_ATTR {
-    const VD x = hn::LoadU(d, points.x + i), y = hn::LoadU(d, points.y + i),
-             z = hn::LoadU(d, points.z + i);
+    const VD x = hn::Sub(load(points.x + i), origin.x), y = hn::Sub(load(points.y + i), origin.y),
+             z = hn::Sub(load(points.z + i), origin.z);
     const VD distance =
         hn::Sub(hn::Add(hn::Add(hn::Mul(nx, x), hn::Mul(ny, y)), hn::Mul(nz, z)), offsets);
     const auto off = hn::Gt(hn::Abs(distance), limits);
@@ -101,9 +124,9 @@ Moments MomentsOffPlane(const CentredPoints& points, const std::array<double, 3>
     sums.add(x, y, z, hn::IfThenElseZero(off, x), hn::IfThenElseZero(off, y),
              hn::IfThenElseZero(off, z));
   });
-  // The zeros after the last point have added nothing but to the count.
-  const std::size_t zeros = padded(points.count) - points.count;
-  if (std::abs(0.0 - offset) > limit) moments.count -= static_cast<double>(zeros);
+  // The origins after the last point have added nothing but to the count.
+  const std::size_t extra = padded(points.count) - points.count;
+  if (std::abs(0.0 - offset) > limit) moments.count -= static_cast<double>(extra);
   return moments;
 }
 
@@ -114,25 +137,22 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace cellmap::simd {
 
-HWY_EXPORT(Centre);
+HWY_EXPORT(SquaredRangesOf);
+HWY_EXPORT(RangesOf);
 HWY_EXPORT(MomentsOf);
 HWY_EXPORT(MomentsOffPlane);
 
-Moments Moments::operator-(const Moments& other) const {
-  Moments difference = *this;
-  difference.count -= other.count;
-  for (std::size_t k = 0; k < 3; ++k) difference.sum[k] -= other.sum[k];
-  for (std::size_t k = 0; k < 6; ++k) difference.products[k] -= other.products[k];
-  return difference;
+SquaredRanges squared_ranges(const PatchView& points) {
+  return HWY_DYNAMIC_DISPATCH(SquaredRangesOf)(points);
 }
 
-SquaredRanges centre(const PatchPoint* points, std::size_t count, double* x, double* y, double* z) {
-  return HWY_DYNAMIC_DISPATCH(Centre)(points, count, x, y, z);
+void ranges(const PatchView& points, double* ranges_m) {
+  HWY_DYNAMIC_DISPATCH(RangesOf)(points, ranges_m);
 }
 
-Moments moments(const CentredPoints& points) { return HWY_DYNAMIC_DISPATCH(MomentsOf)(points); }
+Moments moments(const PatchView& points) { return HWY_DYNAMIC_DISPATCH(MomentsOf)(points); }
 
-Moments moments_off_plane(const CentredPoints& points, const std::array<double, 3>& normal,
+Moments moments_off_plane(const PatchView& points, const std::array<double, 3>& normal,
                           double offset, double limit) {
   return HWY_DYNAMIC_DISPATCH(MomentsOffPlane)(points, normal, offset, limit);
 }

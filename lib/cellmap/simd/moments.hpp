@@ -2,7 +2,6 @@
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
 
 namespace cellmap::simd {
 
@@ -15,39 +14,51 @@ struct Moments {
   std::array<double, 3> sum{};       ///< x, y, z
   std::array<double, 6> products{};  ///< xx, xy, xz, yy, yz, zz
 
-  Moments operator-(const Moments& other) const;
+  Moments operator+(const Moments& other) const {
+    Moments total;
+    total.count = count + other.count;
+    for (std::size_t k = 0; k < 3; ++k) total.sum[k] = sum[k] + other.sum[k];
+    for (std::size_t k = 0; k < 6; ++k) total.products[k] = products[k] + other.products[k];
+    return total;
+  }
+  Moments operator-(const Moments& other) const {
+    Moments difference;
+    difference.count = count - other.count;
+    for (std::size_t k = 0; k < 3; ++k) difference.sum[k] = sum[k] - other.sum[k];
+    for (std::size_t k = 0; k < 6; ++k) difference.products[k] = products[k] - other.products[k];
+    return difference;
+  }
 };
 
-/// Arrays of points have room for a multiple of this and are zero after the last point.
+/// Arrays of points have room for a multiple of this, filled with the origin after the last point.
 constexpr std::size_t kMomentLanes = 4;
 constexpr std::size_t padded(std::size_t count) {
   return (count + kMomentLanes - 1) / kMomentLanes * kMomentLanes;
 }
 
-/// Points about an origin.
-struct CentredPoints {
-  const double *x, *y, *z;
+/// `count` >= 1 points of a patch, whose moments are taken about `origin`.
+struct PatchView {
+  const float *x, *y, *z;
   std::size_t count;
-};
-
-/// A point, metres, and the lattice point whose patch it lies in.
-struct alignas(16) PatchPoint {
-  float x, y, z;
-  std::uint32_t patch;
+  std::array<float, 3> origin;
 };
 
 struct SquaredRanges {
   double min, max;
 };
 
-/// Writes `count` >= 1 points minus the first one to x, y and z (room for `padded(count)`, filled
-/// with zeros); returns the extremes of x x + y y + z z.
-SquaredRanges centre(const PatchPoint* points, std::size_t count, double* x, double* y, double* z);
+/// The extremes of (x x + y y) + z z over the points, and the origin where they are not a multiple
+/// of four.
+SquaredRanges squared_ranges(const PatchView& points);
 
-Moments moments(const CentredPoints& points);
+/// Writes their square roots, `padded(count)` of them.
+void ranges(const PatchView& points, double* ranges_m);
 
-/// Moments of the points for which |(nx x + ny y) + nz z - offset| > limit.
-Moments moments_off_plane(const CentredPoints& points, const std::array<double, 3>& normal,
+Moments moments(const PatchView& points);
+
+/// Moments of the points for which |(nx x + ny y) + nz z - offset| > limit, for points
+/// about the origin.
+Moments moments_off_plane(const PatchView& points, const std::array<double, 3>& normal,
                           double offset, double limit);
 
 }  // namespace cellmap::simd

@@ -21,6 +21,8 @@ using VF = hn::Vec<F>;
 using VI = hn::Vec<I>;
 using MF = hn::Mask<F>;
 
+constexpr float kRadiansPerTurn = 2.0f * std::numbers::pi_v<float>;
+
 /// The basis of the zone of each lane.
 struct Basis {
   VF index_a, index_b, turns_a, turns_b;
@@ -65,6 +67,24 @@ HWY_INLINE VF rough_inverse(VF x) {
   return y * hn::NegMulAdd(x, y, hn::Set(F(), 2.0f));
 }
 
+/// floor(x) for |x| < 2^21, at whole numbers perhaps one less: a parallelogram's border belongs to
+/// both sides.
+HWY_INLINE VF floor(VF x) {
+#if HWY_TARGET == \
+    HWY_SSSE3  // has no instruction for it; adding this drops the digits behind the dot
+  const VF whole = hn::Set(F(), 0x1.8p23f);
+  return (x - hn::Set(F(), 0.5f)) + whole - whole;
+#else
+  return hn::Floor(x);
+#endif
+}
+
+/// Whole numbers in [0, 2^23): added to 2^23 they are the low bits.
+HWY_INLINE VI to_integer(VF whole) {
+  const I i;
+  return hn::BitCast(i, whole + hn::Set(F(), 0x1p23f)) - hn::Set(i, 0x4B00'0000);
+}
+
 /// atan2(y, x) in turns. The polynomial is the minimax fit of atan(u) / (2 pi u) in u^2 on [0, 1];
 /// it is off by at most 6e-9 turns.
 HWY_INLINE VF azimuth_turns(VF x, VF y) {
@@ -83,22 +103,15 @@ HWY_INLINE VF azimuth_turns(VF x, VF y) {
   return hn::CopySignToAbs(p, y);
 }
 
-/// 1 - sqrt(1 - e). Near the equator |e| < 0.2 (N >= 1,000) and the series does; else |e| < 0.4 and
-/// the polynomial is a minimax fit, off by at most 2e-6 |e|.
-template <bool kNearEquator>
+/// 1 - sqrt(1 - e) for |e| < 0.4: a minimax fit, off by at most 2e-6 |e|.
 HWY_INLINE VF radius_loss(VF e) {
   const F f;
-  if constexpr (kNearEquator) {
-    const VF q = hn::MulAdd(e, hn::Set(f, 1.0f / 16), hn::Set(f, 1.0f / 8));
-    return e * hn::MulAdd(e, q, hn::Set(f, 0.5f));
-  } else {
-    VF p = hn::Set(f, 0.0217615527f);
-    for (const float c : {0.0256318029f, 0.0264757367f, 0.038508854f, 0.0625502976f, 0.1250175186f,
-                          0.4999991474f}) {
-      p = hn::MulAdd(p, e, hn::Set(f, c));
-    }
-    return e * p;
+  VF p = hn::Set(f, 0.0217615527f);
+  for (const float c :
+       {0.0256318029f, 0.0264757367f, 0.038508854f, 0.0625502976f, 0.1250175186f, 0.4999991474f}) {
+    p = hn::MulAdd(p, e, hn::Set(f, c));
   }
+  return e * p;
 }
 
 struct Direction {
@@ -108,12 +121,11 @@ struct Direction {
 };
 
 /// Squared chord to the lattice point that is `dz` higher and `da` further in azimuth.
-template <bool kNearEquator>
 HWY_INLINE VF squared_chord(const Direction& d, VF twice_z, VF dz, VF da) {
   const F f;
   const VF dz2 = dz * dz;
   const VF e = hn::MulAdd(twice_z, dz, dz2) * d.inverse_r2;  // r'^2 = r^2 (1 - e)
-  const VF h = radius_loss<kNearEquator>(e);
+  const VF h = radius_loss(e);
   const VF a2 = da * da;
   // 2 - 2 cos da for |da| < 0.2; the next term is below 5e-6 of it.
   const VF turned = a2 * hn::MulAdd(a2, hn::Set(f, -1.0f / 12), hn::Set(f, 1.0f));
@@ -126,40 +138,104 @@ struct Corner {
   MF certain;
 };
 
-template <bool kNearEquator>
-HWY_INLINE Corner nearest_corner(const FibonacciZones& zones, const Direction& d,
-                                 const Basis& basis) {
-  const F f;
-  const VF a = hn::MulSub(basis.turns_b, d.index, basis.index_b * d.turns);
-  const VF b = hn::NegMulAdd(basis.turns_a, d.index, basis.index_a * d.turns);
-  const VF floor_a = hn::Floor(a), floor_b = hn::Floor(b);
-  const VF u = a - floor_a, v = b - floor_b;
-
-  // Steps along a and b in height and radians; from the direction to the corner (0, 0), and on by
-  // one step along a, b or both.
-  const VF to_height = hn::Set(f, -2.0f / zones.points);
-  const VF to_radians = hn::Set(f, 2.0f * std::numbers::pi_v<float>);
-  const VF height_a = basis.index_a * to_height, height_b = basis.index_b * to_height;
-  const VF azimuth_a = basis.turns_a * to_radians, azimuth_b = basis.turns_b * to_radians;
-  const VF dz0 = hn::NegMulSub(height_a, u, height_b * v);
-  const VF da0 = hn::NegMulSub(azimuth_a, u, azimuth_b * v);
-  const VF dz2 = dz0 + height_b, da2 = da0 + azimuth_b;
-  const VF twice_z = d.z + d.z;
-  const VF c0 = squared_chord<kNearEquator>(d, twice_z, dz0, da0);
-  const VF c1 = squared_chord<kNearEquator>(d, twice_z, dz0 + height_a, da0 + azimuth_a);
-  const VF c2 = squared_chord<kNearEquator>(d, twice_z, dz2, da2);
-  const VF c3 = squared_chord<kNearEquator>(d, twice_z, dz2 + height_a, da2 + azimuth_a);
-
+/// Of the corners (0, 0), (1, 0), (0, 1) and (1, 1) of a parallelogram whose (0, 0) is `origin`,
+/// the one with the least of c0 to c3, certain where none of the others comes within `guard` of it.
+HWY_INLINE Corner least_corner(VF c0, VF c1, VF c2, VF c3, VF origin, const Basis& basis,
+                               VF guard) {
   const VF least01 = hn::Min(c0, c1), least23 = hn::Min(c2, c3);
   const VF second = hn::Min(hn::Max(least01, least23), hn::Min(hn::Max(c0, c1), hn::Max(c2, c3)));
   const VF least = hn::Min(least01, least23);
   const MF beyond_b = least23 < least01;
   const MF beyond_a = hn::Or(hn::And(beyond_b, c3 < c2), hn::AndNot(beyond_b, c1 < c0));
-  const VF one = hn::Set(f, 1.0f);
-  const VF steps_a = floor_a + hn::IfThenElseZero(beyond_a, one);
-  const VF steps_b = floor_b + hn::IfThenElseZero(beyond_b, one);
-  return {hn::MulAdd(steps_a, basis.index_a, steps_b * basis.index_b),
-          hn::And(second - least >= hn::Set(f, zones.guard), d.r2 >= hn::Set(f, zones.cap_r2))};
+  const VF along_a = hn::IfThenElseZero(beyond_a, basis.index_a);
+  const VF along_b = hn::IfThenElseZero(beyond_b, basis.index_b);
+  return {origin + along_a + along_b, second - least >= guard};
+}
+
+/// Real coordinates of a direction in a basis, split into the parallelogram and the place in it.
+struct Coordinates {
+  VF origin;  // index of the corner (0, 0)
+  VF u, v;
+
+  HWY_INLINE Coordinates(const Basis& basis, VF index, VF turns) {
+    const VF a = hn::MulSub(basis.turns_b, index, basis.index_b * turns);
+    const VF b = hn::NegMulAdd(basis.turns_a, index, basis.index_a * turns);
+    const VF floor_a = floor(a), floor_b = floor(b);
+    origin = hn::MulAdd(floor_a, basis.index_a, floor_b * basis.index_b);
+    u = a - floor_a;
+    v = b - floor_b;
+  }
+};
+
+HWY_INLINE Corner nearest_corner(const FibonacciZones& zones, const Direction& d,
+                                 const Basis& basis) {
+  const F f;
+  const Coordinates at(basis, d.index, d.turns);
+  // Steps along a and b in height and radians; from the direction to the corner (0, 0), and on by
+  // one step along a, b or both.
+  const VF to_height = hn::Set(f, -2.0f / zones.points);
+  const VF to_radians = hn::Set(f, kRadiansPerTurn);
+  const VF height_a = basis.index_a * to_height, height_b = basis.index_b * to_height;
+  const VF azimuth_a = basis.turns_a * to_radians, azimuth_b = basis.turns_b * to_radians;
+  const VF dz0 = hn::NegMulSub(height_a, at.u, height_b * at.v);
+  const VF da0 = hn::NegMulSub(azimuth_a, at.u, azimuth_b * at.v);
+  const VF dz2 = dz0 + height_b, da2 = da0 + azimuth_b;
+  const VF twice_z = d.z + d.z;
+  Corner corner = least_corner(squared_chord(d, twice_z, dz0, da0),
+                               squared_chord(d, twice_z, dz0 + height_a, da0 + azimuth_a),
+                               squared_chord(d, twice_z, dz2, da2),
+                               squared_chord(d, twice_z, dz2 + height_a, da2 + azimuth_a),
+                               at.origin, basis, hn::Set(f, zones.guard));
+  corner.certain = hn::And(corner.certain, d.r2 >= hn::Set(f, zones.cap_r2));
+  return corner;
+}
+
+/// The guard of scaled chords at the equator: the errors of floats (header), which in spacings d
+/// are 2e-5 + 1.5e-7 / d, and what the expansion leaves out for lattice points within 0.9 d.
+float equator_guard(float points, float least_r2) {
+  const float spacing2 = 4 * std::numbers::pi_v<float> / points;
+  const float rounding = 7.2f * (2e-5f + 1.5e-7f / std::sqrt(spacing2));
+  const float left_out = 1.2f * (1.25f - least_r2) / least_r2 * spacing2;
+  return spacing2 * (rounding + left_out);
+}
+
+/// The equator's zone, where the sphere bends a patch so little that a few terms tell which corner
+/// is nearest.
+struct Equator {
+  Basis basis;
+  VF height_a, height_b, radians_a, radians_b;  // of the steps along a and b
+  VF least_r2;                                  // where it begins
+  VF guard;
+
+  HWY_INLINE explicit Equator(const FibonacciZones& zones) : basis(basis_of(zones, 0)) {
+    const F f;
+    height_a = basis.index_a * hn::Set(f, -2.0f / zones.points);
+    height_b = basis.index_b * hn::Set(f, -2.0f / zones.points);
+    radians_a = basis.turns_a * hn::Set(f, kRadiansPerTurn);
+    radians_b = basis.turns_b * hn::Set(f, kRadiansPerTurn);
+    const float r2 = std::max(zones.min_r2[0], zones.cap_r2);
+    least_r2 = hn::Set(f, r2);
+    guard = hn::Set(f, equator_guard(zones.points, r2));
+  }
+};
+
+/// The corner with the least chord up to terms of third order. With x = dz and y = r^2 da,
+///   r^2 chord^2 = x^2 + y^2 + (z / r^2) x (x^2 - y^2) + ...,
+/// and what is left out is at most (1 / 4 + z^2) / r^2 of chord^4 (`equator_guard`).
+HWY_INLINE Corner nearest_corner_at_equator(const Equator& equator, const Direction& d) {
+  const Coordinates at(equator.basis, d.index, d.turns);
+  const VF azimuth_a = equator.radians_a * d.r2, azimuth_b = equator.radians_b * d.r2;
+  const VF bend = d.z * hn::ApproximateReciprocal(d.r2);
+  const auto scaled_chord = [&](VF x, VF y) HWY_ATTR {
+    const VF x2 = x * x;
+    return hn::MulAdd(bend * x, hn::NegMulAdd(y, y, x2), hn::MulAdd(y, y, x2));
+  };
+  const VF x0 = hn::NegMulSub(equator.height_a, at.u, equator.height_b * at.v);
+  const VF y0 = hn::NegMulSub(azimuth_a, at.u, azimuth_b * at.v);
+  const VF x2 = x0 + equator.height_b, y2 = y0 + azimuth_b;
+  return least_corner(scaled_chord(x0, y0), scaled_chord(x0 + equator.height_a, y0 + azimuth_a),
+                      scaled_chord(x2, y2), scaled_chord(x2 + equator.height_a, y2 + azimuth_a),
+                      at.origin, equator.basis, equator.guard);
 }
 
 /// As above away from the equator, in whichever hemisphere.
@@ -169,11 +245,12 @@ HWY_INLINE Corner nearest_corner_up_or_down(const FibonacciZones& zones, Directi
   const MF south = d.z < hn::Zero(f);
   d.z = hn::Abs(d.z);
   // 1 - |z| = r^2 / (1 + |z|).
-  d.index = hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, 0.5f));
+  d.index =
+      hn::MulSub(hn::Set(f, 0.5f * zones.points), d.r2 / (one + d.z), hn::Set(f, zones.first));
   const VF mirrored = hn::Set(f, zones.last_turns) - d.turns;
   d.turns = hn::IfThenElse(south, mirrored - hn::Round(mirrored), d.turns);
-  Corner corner = nearest_corner<false>(zones, d, basis_at(zones, d.r2));
-  const VF last = hn::Set(f, zones.points - 1.0f);
+  Corner corner = nearest_corner(zones, d, basis_at(zones, d.r2));
+  const VF last = hn::Set(f, zones.points - 2.0f * zones.first);
   corner.index = hn::IfThenElse(south, last - corner.index, corner.index);
   return corner;
 }
@@ -186,24 +263,24 @@ struct Output {
 };
 
 /// One vector of directions, of which the first `count` are wanted, the first one at `position`.
-HWY_INLINE void nearest_of(const FibonacciZones& zones, const Basis& equator, VF x, VF y, VF z,
+HWY_INLINE void nearest_of(const FibonacciZones& zones, const Equator& equator, VF x, VF y, VF z,
                            std::size_t position, std::size_t count, Output& out) {
   const F f;
   const I i;
   const VF rho2 = hn::MulAdd(x, x, y * y);
   const VF norm2 = hn::MulAdd(z, z, rho2);
   const VF inverse = inverse_sqrt(norm2);
-  const VF r2 = rho2 * inverse * inverse;
-  Direction d{z * inverse, r2, rough_inverse(r2), hn::Zero(f), azimuth_turns(x, y)};
-  Corner corner;
-  if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= hn::Set(f, zones.min_r2[0])))) {
+  Direction d{z * inverse, rho2 * inverse * inverse, hn::Zero(f), hn::Zero(f), azimuth_turns(x, y)};
+  Corner corner{hn::Zero(f), hn::FirstN(f, 0)};  // NEON cannot call a default constructor here
+  if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= equator.least_r2))) {
     const VF half = hn::Set(f, 0.5f * zones.points);
-    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - 0.5f));
-    corner = nearest_corner<true>(zones, d, equator);
+    d.index = hn::NegMulAdd(half, d.z, hn::Set(f, 0.5f * zones.points - zones.first));
+    corner = nearest_corner_at_equator(equator, d);
   } else {
+    d.inverse_r2 = rough_inverse(d.r2);
     corner = nearest_corner_up_or_down(zones, d);
   }
-  const VI index = hn::ConvertTo(i, corner.index);
+  const VI index = to_integer(corner.index);
   HWY_ALIGN std::int32_t found[hn::MaxLanes(i)];
   if (HWY_LIKELY(count == hn::Lanes(f) && hn::AllTrue(f, corner.certain))) {
     // Indices are below 2^20: signed lanes hold the same bits.
@@ -223,7 +300,7 @@ std::size_t Nearest(const FibonacciZones& zones, const float* x, const float* y,
                     std::size_t count, std::uint32_t* index, std::uint32_t* undecided) {
   const F f;
   const std::size_t lanes = hn::Lanes(f);
-  const Basis equator = basis_of(zones, 0);
+  const Equator equator(zones);
   Output out{index, undecided};
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {

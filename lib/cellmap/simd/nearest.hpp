@@ -11,7 +11,10 @@ namespace cellmap::simd {
 struct FibonacciZones {
   static constexpr std::size_t kMost = 16;
 
-  float points = 0;  ///< N, at most 2^20: indices and their products with steps are exact floats
+  /// M, at most 2^20: indices and their products with steps are exact floats. Lattice point i lies
+  /// at the height 1 - 2 (i + first) / M.
+  float points = 0;
+  float first = 0.5f;    ///< 0.5: M = N points between the poles; 0: M = N - 1, the first is a pole
   float last_turns = 0;  ///< azimuth of the last lattice point
   float cap_r2 = 0;      ///< nearer to the axis than this the kernel does not decide
   /// Squared chords closer than this are not told apart.
@@ -38,14 +41,17 @@ constexpr std::uint32_t kUndecided = 0xFFFF'FFFF;
 /// for the real index i and the azimuth t, and of the four corners of the parallelogram that holds
 /// them the one with the least squared chord
 ///   dz^2 + (r - r')^2 + r r' (2 - 2 cos da),
-/// every term of which is formed from small differences, so that nothing cancels. Away from the
-/// equator both hemispheres are treated as the northern one (lattice point N - 1 - i lies at the
+/// every term of which is formed from small differences, so that nothing cancels. In the zone of
+/// the equator, which holds nearly all rays of a LiDAR, its expansion to third order serves.
+/// Elsewhere both hemispheres are treated as the northern one (lattice point N - 1 - i lies at the
 /// height -z_i and at the azimuth t_(N-1) - t_i), where 1 - z keeps its relative precision.
 ///
 /// Positions are good to about 5e-5 of a point spacing: of 24-bit floats, 3e-8 turns of azimuth and
 /// 6e-8 of height weigh most against the spacing of a million points. The difference of two squared
 /// chords is then good to about 2e-4 squared spacings; a `guard` of three times that is on the safe
-/// side.
+/// side. At the equator the guard follows the spacing and what the expansion leaves out: without it
+/// the largest gap that was decided wrongly is a fourth of it for N = 1,000,000 and a sixteenth for
+/// N = 50,000.
 std::size_t nearest(const FibonacciZones& zones, const float* x, const float* y, const float* z,
                     std::size_t count, std::uint32_t* index, std::uint32_t* undecided);
 

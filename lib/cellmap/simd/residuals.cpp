@@ -6,6 +6,7 @@
 // Compiles the rest of this file once for each instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "cellmap/simd/residuals.cpp"
+#include <hwy/cache_control.h>
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
@@ -28,11 +29,47 @@ struct Lanes {
   VF offset;
 };
 
-HWY_INLINE Lanes load(const HessePlane* planes, const Points& points, std::size_t i) {
+/// The planes of one vector of points. Four floats a point are read at once and transposed: a fifth
+/// of what gathering them one coordinate at a time takes.
+HWY_INLINE void load_planes(const HessePlane* planes, const std::uint32_t* slot, Lanes& at) {
+  const F f;
+#if HWY_MAX_BYTES == 16 || HWY_MAX_BYTES == 32 || HWY_MAX_BYTES == 64
+  const hn::Full128<float> quarter;
+  const auto plane = [&](std::size_t k)
+                         HWY_ATTR { return hn::LoadU(quarter, &planes[slot[k]].nx); };
+#if HWY_MAX_BYTES == 16
+  const auto every_fourth = plane;
+#else
+  const hn::Full256<float> half;
+  const auto two = [&](std::size_t k)
+                       HWY_ATTR { return hn::Combine(half, plane(k + 4), plane(k)); };
+#if HWY_MAX_BYTES == 32
+  const auto every_fourth = two;
+#else
+  const auto every_fourth = [&](std::size_t k)
+                                HWY_ATTR { return hn::Combine(f, two(k + 8), two(k)); };
+#endif
+#endif
+  const VF p0 = every_fourth(0), p1 = every_fourth(1), p2 = every_fourth(2), p3 = every_fourth(3);
+  const VF xy02 = hn::InterleaveLower(f, p0, p2), xy13 = hn::InterleaveLower(f, p1, p3);
+  const VF zo02 = hn::InterleaveUpper(f, p0, p2), zo13 = hn::InterleaveUpper(f, p1, p3);
+  at.normal.x = hn::InterleaveLower(f, xy02, xy13);
+  at.normal.y = hn::InterleaveUpper(f, xy02, xy13);
+  at.normal.z = hn::InterleaveLower(f, zo02, zo13);
+  at.offset = hn::InterleaveUpper(f, zo02, zo13);
+#else
+  HWY_ALIGN HessePlane of_point[hn::MaxLanes(f)];
+  for (std::size_t k = 0; k < hn::Lanes(f); ++k) of_point[k] = planes[slot[k]];
+  hn::LoadInterleaved4(f, &of_point[0].nx, at.normal.x, at.normal.y, at.normal.z, at.offset);
+#endif
+}
+
+HWY_INLINE Lanes load(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+                      std::size_t i) {
   const F f;
   Lanes at;
   at.p = {hn::LoadU(f, points.x + i), hn::LoadU(f, points.y + i), hn::LoadU(f, points.z + i)};
-  hn::LoadInterleaved4(f, &planes[i].nx, at.normal.x, at.normal.y, at.normal.z, at.offset);
+  load_planes(planes, slot + i, at);
   return at;
 }
 
@@ -40,16 +77,15 @@ HWY_INLINE Lanes load(const HessePlane* planes, const Points& points, std::size_
 struct Rest {
   static constexpr std::size_t kMost = hn::MaxLanes(F());
   HWY_ALIGN float x[kMost] = {}, y[kMost] = {}, z[kMost] = {};
-  HessePlane planes[kMost];
+  std::uint32_t slot[kMost] = {};
 
-  Rest(const HessePlane* of, const Points& points, std::size_t begin, std::size_t end) {
-    std::fill(planes, planes + kMost, HessePlane{0, 0, 0, HUGE_VALF});
-    std::copy(of + begin, of + end, planes);
+  Rest(const std::uint32_t* of, const Points& points, std::size_t begin, std::size_t end) {
+    std::copy(of + begin, of + end, slot);
     std::copy(points.x + begin, points.x + end, x);
     std::copy(points.y + begin, points.y + end, y);
     std::copy(points.z + begin, points.z + end, z);
   }
-  Lanes lanes() const { return load(planes, {x, y, z}, 0); }
+  Lanes lanes(const HessePlane* planes) const { return load(planes, slot, {x, y, z}, 0); }
 };
 
 /// Not fused: see the header.
@@ -75,6 +111,10 @@ void Move(const Motion& motion, const Points& points, std::size_t count,
   const std::size_t lanes = hn::Lanes(f);
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
+    // Callers go through a scan block by block: the next block arrives while this one is worked on.
+    hwy::Prefetch(points.x + i + count);
+    hwy::Prefetch(points.y + i + count);
+    hwy::Prefetch(points.z + i + count);
     const Vec3 p = {hn::LoadU(f, points.x + i), hn::LoadU(f, points.y + i),
                     hn::LoadU(f, points.z + i)};
     hn::StoreU(row(motion, 0, p), f, moved.x + i);
@@ -93,92 +133,131 @@ void Move(const Motion& motion, const Points& points, std::size_t count,
 
 HWY_INLINE VF distance_of(const Lanes& at) { return hn::Sub(dot(at.normal, at.p), at.offset); }
 
-void Distances(const HessePlane* planes, const Points& points, std::size_t count, float* distance) {
+void Distances(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+               std::size_t count, float* distance) {
   const F f;
   const std::size_t lanes = hn::Lanes(f);
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    hn::StoreU(distance_of(load(planes, points, i)), f, distance + i);
+    hn::StoreU(distance_of(load(planes, slot, points, i)), f, distance + i);
   }
   if (i < count) {
     HWY_ALIGN float rest[hn::MaxLanes(f)];
-    hn::Store(distance_of(Rest(planes, points, i, count).lanes()), f, rest);
+    hn::Store(distance_of(Rest(slot, points, i, count).lanes(planes)), f, rest);
     std::copy(rest, rest + (count - i), distance + i);
   }
 }
 
-/// Sums of one call, a lane each.
-struct LaneSums {
-  VF jj[21], jd[6];
-  std::size_t points = 0;
+/// The derivatives and the distance of some points, each times the root of its weight; their
+/// products are all that is summed.
+struct Factors {
+  static constexpr std::size_t kMost = 256;  // eight kilobytes, in the nearest cache
+  static constexpr std::size_t kEach = 7;    // six derivatives, then the distance
+  HWY_ALIGN float of[kEach][kMost];
+  std::size_t points = 0;  // within the gate
 };
 
 template <Weighting kWeighting>
-HWY_INLINE void add(const Lanes& at, const Weights& weights, VF given, LaneSums& sums) {
+HWY_INLINE void put(const Lanes& at, const Weights& weights, VF given, std::size_t i,
+                    Factors& factors) {
   const F f;
   const VF d = distance_of(at);
   const MF inside = hn::Abs(d) <= hn::Set(f, weights.gate_m);
-  sums.points += hn::CountTrue(f, inside);
-  VF weight = given;
+  factors.points += hn::CountTrue(f, inside);
+  VF root = hn::Set(f, 1.0f);
   if constexpr (kWeighting == Weighting::kCauchy || kWeighting == Weighting::kGemanMcClure) {
     const VF ratio = d * hn::Set(f, weights.inverse_width);
-    weight = weight / hn::MulAdd(ratio, ratio, weight);
-    if constexpr (kWeighting == Weighting::kGemanMcClure) weight = weight * weight;
+    root = root / hn::MulAdd(ratio, ratio, root);
+    if constexpr (kWeighting == Weighting::kCauchy) root = hn::Sqrt(root);
   }
-  weight = hn::IfThenElseZero(inside, weight);
-  const VF bounded = hn::IfThenElseZero(inside, d);
+  if constexpr (kWeighting == Weighting::kGiven) root = hn::Sqrt(given);
+  root = hn::IfThenElseZero(inside, root);
+  const Vec3 normal = {root * at.normal.x, root * at.normal.y, root * at.normal.z};
+  const Vec3 turn = cross(at.p, normal);
+  hn::Store(normal.x, f, factors.of[0] + i);
+  hn::Store(normal.y, f, factors.of[1] + i);
+  hn::Store(normal.z, f, factors.of[2] + i);
+  hn::Store(turn.x, f, factors.of[3] + i);
+  hn::Store(turn.y, f, factors.of[4] + i);
+  hn::Store(turn.z, f, factors.of[5] + i);
+  hn::Store(root * hn::IfThenElseZero(inside, d), f, factors.of[6] + i);
+}
 
-  const Vec3 turn = cross(at.p, at.normal);
-  const VF J[6] = {at.normal.x, at.normal.y, at.normal.z, turn.x, turn.y, turn.z};
-  std::size_t k = 0;
-  for (std::size_t r = 0; r < 6; ++r) {
-    const VF weighted = weight * J[r];
-    sums.jd[r] = hn::MulAdd(weighted, bounded, sums.jd[r]);
-    for (std::size_t c = r; c < 6; ++c, ++k) {
-      sums.jj[k] = hn::MulAdd(weighted, J[c], sums.jj[k]);
+/// Position of row r's first product in the upper triangle.
+constexpr std::size_t first_of_row(std::size_t r) { return r * (13 - r) / 2; }
+
+/// Adds the products of rows r and 5 - r of the normal equations, nine sums in all: as many as even
+/// 16 registers hold beside their factors.
+template <std::size_t r>
+HWY_INLINE void add_rows(const Factors& factors, std::size_t count, NormalSums& sums) {
+  const F f;
+  constexpr std::size_t s = 5 - r, kFirst = 7 - r, kSecond = 7 - s;
+  VF first[kFirst], second[kSecond];
+  for (VF& sum : first) sum = hn::Zero(f);
+  for (VF& sum : second) sum = hn::Zero(f);
+  for (std::size_t i = 0; i < count; i += hn::Lanes(f)) {
+    const VF of_r = hn::Load(f, factors.of[r] + i), of_s = hn::Load(f, factors.of[s] + i);
+    for (std::size_t k = 0; k < kFirst; ++k) {
+      first[k] = hn::MulAdd(of_r, hn::Load(f, factors.of[r + k] + i), first[k]);
+    }
+    for (std::size_t k = 0; k < kSecond; ++k) {
+      second[k] = hn::MulAdd(of_s, hn::Load(f, factors.of[s + k] + i), second[k]);
     }
   }
+  const auto total = [&](VF sum) HWY_ATTR {
+    return static_cast<double>(hn::GetLane(hn::SumOfLanes(f, sum)));
+  };
+  for (std::size_t k = 0; k + 1 < kFirst; ++k) sums.jj[first_of_row(r) + k] += total(first[k]);
+  for (std::size_t k = 0; k + 1 < kSecond; ++k) sums.jj[first_of_row(s) + k] += total(second[k]);
+  sums.jd[r] += total(first[kFirst - 1]);
+  sums.jd[s] += total(second[kSecond - 1]);
 }
 
 template <Weighting kWeighting>
-HWY_INLINE void accumulate_as(const HessePlane* planes, const Points& points, std::size_t count,
-                              const Weights& weights, NormalSums& sums) {
+HWY_INLINE void accumulate_as(const HessePlane* planes, const std::uint32_t* slot,
+                              const Points& points, std::size_t count, const Weights& weights,
+                              NormalSums& sums) {
   const F f;
   const std::size_t lanes = hn::Lanes(f);
   const VF one = hn::Set(f, 1.0f);
-  LaneSums lane_sums;
-  for (VF& sum : lane_sums.jj) sum = hn::Zero(f);
-  for (VF& sum : lane_sums.jd) sum = hn::Zero(f);
+  Factors factors;
+  std::size_t filled = 0;
+  const auto flush = [&]() HWY_ATTR {
+    add_rows<0>(factors, filled, sums);
+    add_rows<1>(factors, filled, sums);
+    add_rows<2>(factors, filled, sums);
+    filled = 0;
+  };
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
     const VF given = kWeighting == Weighting::kGiven ? hn::LoadU(f, weights.given + i) : one;
-    add<kWeighting>(load(planes, points, i), weights, given, lane_sums);
+    put<kWeighting>(load(planes, slot, points, i), weights, given, filled, factors);
+    filled += lanes;
+    if (filled == Factors::kMost) flush();
   }
   if (i < count) {
     HWY_ALIGN float given[hn::MaxLanes(f)];
     std::fill(given, given + lanes, 1.0f);
     if (kWeighting == Weighting::kGiven) std::copy(weights.given + i, weights.given + count, given);
-    add<kWeighting>(Rest(planes, points, i, count).lanes(), weights, hn::Load(f, given), lane_sums);
+    put<kWeighting>(Rest(slot, points, i, count).lanes(planes), weights, hn::Load(f, given), filled,
+                    factors);
+    filled += lanes;
   }
-  const auto total = [&](VF sum) HWY_ATTR {
-    return static_cast<double>(hn::GetLane(hn::SumOfLanes(f, sum)));
-  };
-  for (std::size_t k = 0; k < 21; ++k) sums.jj[k] += total(lane_sums.jj[k]);
-  for (std::size_t k = 0; k < 6; ++k) sums.jd[k] += total(lane_sums.jd[k]);
-  sums.points += lane_sums.points;
+  if (filled > 0) flush();
+  sums.points += factors.points;
 }
 
-void Accumulate(const HessePlane* planes, const Points& points, std::size_t count,
-                const Weights& weights, NormalSums& sums) {
+void Accumulate(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+                std::size_t count, const Weights& weights, NormalSums& sums) {
   switch (weights.weighting) {
     case Weighting::kOne:
-      return accumulate_as<Weighting::kOne>(planes, points, count, weights, sums);
+      return accumulate_as<Weighting::kOne>(planes, slot, points, count, weights, sums);
     case Weighting::kCauchy:
-      return accumulate_as<Weighting::kCauchy>(planes, points, count, weights, sums);
+      return accumulate_as<Weighting::kCauchy>(planes, slot, points, count, weights, sums);
     case Weighting::kGemanMcClure:
-      return accumulate_as<Weighting::kGemanMcClure>(planes, points, count, weights, sums);
+      return accumulate_as<Weighting::kGemanMcClure>(planes, slot, points, count, weights, sums);
     case Weighting::kGiven:
-      return accumulate_as<Weighting::kGiven>(planes, points, count, weights, sums);
+      return accumulate_as<Weighting::kGiven>(planes, slot, points, count, weights, sums);
   }
 }
 
@@ -198,13 +277,14 @@ void move(const Motion& motion, const Points& points, std::size_t count,
   HWY_DYNAMIC_DISPATCH(Move)(motion, points, count, moved);
 }
 
-void distances(const HessePlane* planes, const Points& points, std::size_t count, float* distance) {
-  HWY_DYNAMIC_DISPATCH(Distances)(planes, points, count, distance);
+void distances(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+               std::size_t count, float* distance) {
+  HWY_DYNAMIC_DISPATCH(Distances)(planes, slot, points, count, distance);
 }
 
-void accumulate(const HessePlane* planes, const Points& points, std::size_t count,
-                const Weights& weights, NormalSums& sums) {
-  HWY_DYNAMIC_DISPATCH(Accumulate)(planes, points, count, weights, sums);
+void accumulate(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+                std::size_t count, const Weights& weights, NormalSums& sums) {
+  HWY_DYNAMIC_DISPATCH(Accumulate)(planes, slot, points, count, weights, sums);
 }
 
 void NormalSums::add(const NormalSums& other) {

@@ -26,17 +26,18 @@ struct Motion {
 void move(const Motion& motion, const Points& points, std::size_t count,
           const MutablePoints& moved);
 
-/// The plane of each point, side by side as the kernels stream through them: unit normal and
-/// offset. A point's distance is n . p - offset; a point without a plane has a zero normal and an
-/// offset beyond any gate.
+/// A plane: unit normal and offset. A point's distance is n . p - offset. In a table of planes the
+/// first one, slot 0, is that of points without a plane: a zero normal and an offset beyond any
+/// gate.
 struct HessePlane {
   float nx, ny, nz, offset_m;
 };
 static_assert(sizeof(HessePlane) == 4 * sizeof(float));
 
-/// The distance of each point from its plane, ((nx x + ny y) + nz z) - offset, rounded after every
-/// operation as above.
-void distances(const HessePlane* planes, const Points& points, std::size_t count, float* distance);
+/// The distance of each point from the plane in its slot of the table `planes`,
+/// ((nx x + ny y) + nz z) - offset, rounded after every operation as above.
+void distances(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+               std::size_t count, float* distance);
 
 /// How a point counts: not at all beyond the gate, else by the kernel of its distance d,
 ///   kOne 1,  kCauchy 1 / (1 + (d / width)^2),  kGemanMcClure the square of that,
@@ -59,10 +60,10 @@ struct NormalSums {
   void add(const NormalSums& other);
 };
 
-/// Adds `count` points to `sums`. Each lane adds in float, each call once to the doubles: of terms
-/// of one size, the relative error is at most count / lanes units in the last place, and grows with
-/// its square root where rounding is random. Callers pass about a thousand points a call.
-void accumulate(const HessePlane* planes, const Points& points, std::size_t count,
-                const Weights& weights, NormalSums& sums);
+/// Adds `count` points to `sums`. Each lane adds in float, to the doubles once every 256 points: of
+/// terms of one size, the relative error is at most 256 / lanes units in the last place, and grows
+/// with its square root where rounding is random.
+void accumulate(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+                std::size_t count, const Weights& weights, NormalSums& sums);
 
 }  // namespace cellmap::simd

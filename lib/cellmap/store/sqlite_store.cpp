@@ -100,6 +100,13 @@ class SqliteStore final : public Store {
         [&](SqliteConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
   }
 
+  MapVersion version(const std::string& name) const override {
+    return readers_.read([&](SqliteConnection& c) {
+      const MapInfo info = read_map_row(c, name).info;
+      return MapVersion{info.created, info.revision};
+    });
+  }
+
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
     validate(update);
     std::vector<Bytes> frames;  // compressed here, so that writers do it at the same time
@@ -185,7 +192,7 @@ class SqliteStore final : public Store {
 
   void check_ready() const override {
     readers_.read([](SqliteConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
-    if (writer_) write([](SqliteConnection&) {});
+    if (writer_) commits_.run([] {});
     std::error_code error;
     const auto space = std::filesystem::space(file_, error);
     if (error || space.available < kMinFreeBytes) {
@@ -202,7 +209,7 @@ class SqliteStore final : public Store {
     return *std::move(cell);
   }
 
-  /// Returns when what `change(connection)` did is durable.
+  /// Returns when what `change(connection)` did is durable; then wakes who waits for changes.
   template <typename Change>
   void write(const Change& change) const {
     if (!writer_) {
@@ -210,6 +217,7 @@ class SqliteStore final : public Store {
                   "store " + file_.string() + " was opened read-only; open it for writing");
     }
     commits_.run([&] { change(*writer_->connection); });
+    committed().notify();
   }
 
   void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;

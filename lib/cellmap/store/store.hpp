@@ -15,9 +15,18 @@
 #include "cellmap/core/hash.hpp"
 #include "cellmap/core/id.hpp"
 #include "cellmap/pipeline/refine.hpp"
+#include "cellmap/pose_graph/map_changes.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
+#include "cellmap/store/commit_signal.hpp"
 
 namespace cellmap {
+
+/// Which state of which map. A map that was deleted and made anew has another `created`.
+struct MapVersion {
+  Stamp created = 0;  ///< Unix time
+  Revision revision = 0;
+  bool operator==(const MapVersion&) const = default;
+};
 
 /// What a store keeps of one map beside its CELLs and pose graph.
 struct MapInfo {
@@ -37,19 +46,6 @@ struct MapInfo {
   /// Bounding box of the CELLs' current positions, map frame; empty() for an empty map.
   Eigen::AlignedBox3d bounds;
   std::vector<std::string> sessions;
-};
-
-/// What a store knows of a CELL without touching its bytes.
-struct CellRecord {
-  CellId id;
-  ContentHash hash;
-  Revision added = 0;  ///< revision that brought it
-  Revision moved = 0;  ///< revision that last changed its pose
-  Pose T_map_cell = Pose::Identity();
-  std::string session;
-  std::uint32_t sequence = 0;
-  std::uint32_t planes = 0;
-  std::uint64_t encoded_bytes = 0;
 };
 
 /// Which CELLs, by their current poses. Conditions add up; borders belong to the area.
@@ -106,15 +102,6 @@ struct CommitResult {
   std::vector<ConstraintId> constraint_ids;  ///< of add_constraints, in order
 };
 
-/// What happened to a map after a revision.
-struct MapChanges {
-  Revision since = 0, revision = 0;
-  std::vector<CellRecord> added;              ///< ascending id, with their current poses
-  std::map<CellId, Pose> moved;               ///< CELLs that were there before and moved
-  std::vector<Constraint> added_constraints;  ///< and not removed since; ascending id
-  std::vector<ConstraintId> removed_constraints;
-};
-
 enum class JobState : std::uint8_t { kQueued = 1, kRunning, kSucceeded, kFailed, kCancelled };
 std::string_view to_string(JobState state);
 /// Inverse of `to_string`; Error{kCorruptData} for anything else.
@@ -154,6 +141,8 @@ class Store {
   virtual void delete_map(const std::string& name) = 0;
   virtual std::vector<MapInfo> maps() const = 0;  ///< by name
   virtual MapInfo map(const std::string& name) const = 0;
+  /// The little of `map` that tells whether anything has changed: reads one row.
+  virtual MapVersion version(const std::string& name) const = 0;
 
   /// Applies an update. A CELL that is there already with the same id and hash is left alone, its
   /// pose too; with another hash, or its (session, sequence) under another id: Error{kConflict}. A
@@ -193,8 +182,16 @@ class Store {
   /// By id. A job names its map, which may not exist yet or any more.
   virtual std::vector<JobRecord> jobs(const std::optional<std::string>& map = {}) const = 0;
 
+  /// Notified after every change of the store through this object, when it is durable and visible:
+  /// how to wait for a map's next revision without asking again and again. Look at `version` after
+  /// it, because any change of any map notifies.
+  CommitSignal& committed() const { return committed_; }
+
   /// Cheap proof that the store can be read and written (readiness). Throws as any call would.
   virtual void check_ready() const = 0;
+
+ private:
+  mutable CommitSignal committed_;
 };
 
 void validate_map_name(const std::string& name);

@@ -1,0 +1,130 @@
+#include "client/cli/mirror_reader.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <set>
+
+#include "cellmap/client/mirror.hpp"
+
+namespace cellmap::cli {
+namespace {
+
+class MirrorReader : public MapReader {
+ public:
+  explicit MirrorReader(const std::filesystem::path& folder)
+      : folder_(folder), mirror_(read_mirror(folder)) {
+    std::erase_if(mirror_.cells, [&](const auto& cell) {
+      return !std::filesystem::exists(mirror_cell_file(folder_, cell.second.hash));
+    });
+  }
+
+  std::vector<MapInfo> maps() override { return {map(mirror_.map)}; }
+
+  MapInfo map(const std::string& name) override {
+    require(name);
+    MapInfo info = mirror_.info;
+    info.revision = mirror_.revision;
+    info.cells = mirror_.cells.size();
+    info.constraints = mirror_.pose_graph.constraints.size();
+    info.planes = info.encoded_bytes = 0;
+    info.bounds.setEmpty();
+    std::set<std::string> sessions;
+    for (const auto& [id, cell] : mirror_.cells) {
+      info.planes += cell.planes;
+      info.encoded_bytes += cell.encoded_bytes;
+      info.bounds.extend(cell.T_map_cell.translation());
+      sessions.insert(cell.session);
+    }
+    info.stored_bytes = info.encoded_bytes;  // the files are not compressed
+    info.sessions.assign(sessions.begin(), sessions.end());
+    return info;
+  }
+
+  CellPage cells(const std::string& map, const CellQuery& query) override {
+    require(map);
+    std::vector<CellRecord> found = matching(query);
+    std::size_t begin = 0;
+    const char* const end = query.cursor.data() + query.cursor.size();
+    if (!query.cursor.empty() && std::from_chars(query.cursor.data(), end, begin).ptr != end) {
+      throw Error(ErrorCode::kInvalidArgument, "the cursor is not one of this mirror's");
+    }
+    CellPage page;
+    page.revision = mirror_.revision;
+    begin = std::min(begin, found.size());
+    const std::size_t count = std::min(query.limit, found.size() - begin);
+    page.cells.assign(found.begin() + static_cast<std::ptrdiff_t>(begin),
+                      found.begin() + static_cast<std::ptrdiff_t>(begin + count));
+    if (begin + count < found.size()) page.next_cursor = std::to_string(begin + count);
+    return page;
+  }
+
+  EncodedCell cell(const std::string& map, const CellRecord& record) override {
+    require(map);
+    if (auto cell = read_mirrored_cell(folder_, record.hash)) return *std::move(cell);
+    throw Error(ErrorCode::kNotFound, "CELL " + std::to_string(record.id.value) +
+                                          " is not in the mirror '" + folder_.string() +
+                                          "' any more; read it again");
+  }
+
+  void for_each_cell(
+      const std::string& map, std::span<const CellRecord> cells,
+      const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell) override {
+    for (const CellRecord& record : cells) on_cell(record, cell(map, record));
+  }
+
+  PoseGraph pose_graph(const std::string& map) override {
+    require(map);
+    return mirror_.pose_graph;
+  }
+
+  LoopList loops(const std::string& map) override {
+    require(map);
+    LoopList list{mirror_.revision, mirror_.pose_graph.constraints};
+    std::erase_if(list.loops, [](const Constraint& c) { return c.kind != ConstraintKind::kLoop; });
+    return list;
+  }
+
+  std::string trajectory_text(const std::string&, const std::string&, TrajectoryFormat,
+                              TrajectoryStage) override {
+    throw Error(ErrorCode::kUnsupported,
+                "a mirror holds CELLs and poses but no trajectories; ask the server or the store");
+  }
+
+ private:
+  void require(const std::string& name) const {
+    if (name == mirror_.map) return;
+    throw Error(ErrorCode::kNotFound, "the mirror '" + folder_.string() + "' holds map '" +
+                                          mirror_.map + "', not '" + name + "'");
+  }
+
+  /// In the order of `CellQuery`.
+  std::vector<CellRecord> matching(const CellQuery& query) const {
+    std::vector<CellRecord> found;
+    for (const auto& [id, cell] : mirror_.cells) {
+      const Eigen::Vector3d position = cell.T_map_cell.translation();
+      const bool matches = (!query.near || (position - *query.near).norm() <= query.radius_m) &&
+                           (!query.box || query.box->contains(position)) &&
+                           (!query.session || cell.session == *query.session) &&
+                           std::max(cell.added, cell.moved) > query.since;
+      if (matches) found.push_back(cell);
+    }
+    if (query.near) {
+      std::stable_sort(found.begin(), found.end(), [&](const CellRecord& a, const CellRecord& b) {
+        return (a.T_map_cell.translation() - *query.near).squaredNorm() <
+               (b.T_map_cell.translation() - *query.near).squaredNorm();
+      });
+    }
+    return found;
+  }
+
+  std::filesystem::path folder_;
+  Mirror mirror_;
+};
+
+}  // namespace
+
+std::unique_ptr<MapReader> open_mirror(const std::filesystem::path& folder) {
+  return std::make_unique<MirrorReader>(folder);
+}
+
+}  // namespace cellmap::cli

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "cellmap/core/hash.hpp"
+#include "cellmap/core/id.hpp"
+#include "cellmap/geometry/pose.hpp"
+#include "cellmap/pose_graph/pose_graph.hpp"
+
+namespace cellmap {
+
+/// What is known of a CELL of a map without touching its bytes.
+struct CellRecord {
+  CellId id;
+  ContentHash hash;
+  Revision added = 0;  ///< revision that brought it
+  Revision moved = 0;  ///< revision that last changed its pose
+  Pose T_map_cell = Pose::Identity();
+  std::string session;
+  std::uint32_t sequence = 0;
+  std::uint32_t planes = 0;
+  std::uint64_t encoded_bytes = 0;
+};
+
+/// What happened to a map after a revision.
+struct MapChanges {
+  Revision since = 0, revision = 0;
+  std::vector<CellRecord> added;                  ///< ascending id, with their current poses
+  std::map<CellId, Pose> moved;                   ///< CELLs that were there before and moved
+  std::vector<Constraint> added_constraints;      ///< and not removed since; ascending id
+  std::vector<CellId> removed;                    ///< CELLs that are gone; ascending id
+  std::vector<ConstraintId> removed_constraints;  ///< ascending id
+  std::set<CellId> unaligned;                     ///< all that are not in the map frame now
+};
+
+}  // namespace cellmap
