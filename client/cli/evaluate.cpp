@@ -7,6 +7,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/evaluation/trajectory_metrics.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/evaluate_verbs.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -61,6 +62,7 @@ void add_evaluate(CLI::App& app, Verbs& verbs) {
       });
   verb->add_option("--estimate", options->estimate, "KITTI or TUM file")->required();
   verb->add_option("--truth", options->truth, "KITTI or TUM file")->required();
+  add_evaluate_relocalisation(*group, verbs);
 }
 
 }  // namespace cellmap::cli

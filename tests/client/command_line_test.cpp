@@ -69,6 +69,7 @@ TEST(CommandLine, EveryVerbHasHelpWithExamplesAndJson) {
                                                        {"jobs", "cancel"},
                                                        {"relocalise"},
                                                        {"evaluate", "trajectory"},
+                                                       {"evaluate", "relocalisation"},
                                                        {"export", "cloud"},
                                                        {"export", "trajectory"},
                                                        {"export", "graph"}};

@@ -4,6 +4,7 @@
 
 #include <random>
 
+#include "cellmap/cell/build_cell.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "support/expect_error.hpp"
 #include "support/town_drive.hpp"
@@ -129,6 +130,52 @@ TEST_F(RelocalisationInATown, NoAnswerLiesOutsideThePrior) {
   EXPECT_FALSE(relocalise(scan->points, prior).found.has_value());
 }
 
+TEST_F(RelocalisationInATown, ASensorThatLeansBy10DegreesIsFound) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(33);
+  const auto scan = source->next();
+  Pose T_upright_sensor = upright_pose(0, 0, 2.0);
+  T_upright_sensor.rotate(Eigen::AngleAxisd(10 * kDeg, Eigen::Vector3d(0.6, 0.8, 0)));
+  expect_right(relocalise(transformed(scan->points, T_upright_sensor.inverse())),
+               source->ground_truth()[33].pose * T_upright_sensor);
+}
+
+TEST_F(RelocalisationInATown, ScansWithOdometryAndABuiltCellAreQueriesToo) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  std::vector<PosedScan> scans;
+  for (source->seek(24); scans.size() < 4;) scans.push_back(*source->next());
+  expect_right(index_->relocalise(RelocalisationQuery::from_scans(scans), map_->graph,
+                                  map_->provider(), quick_options()),
+               source->ground_truth()[27].pose);
+
+  LocalMap local(Scan{0, scans[0].points}, scans[0].T_odom_sensor, 0);
+  for (std::size_t i = 1; i < scans.size(); ++i) {
+    local.add(Scan{static_cast<Stamp>(i), scans[i].points}, scans[i].T_odom_sensor);
+  }
+  const Cell cell = build_cell(local, *map_->lattice, {});
+  const RelocalisationQuery query = RelocalisationQuery::from_cell(cell, *map_->lattice);
+  const auto answer = index_->relocalise(query, map_->graph, map_->provider(), quick_options());
+  expect_right(answer, source->ground_truth()[24].pose);
+  EXPECT_GT(answer.found->structure.facing_ratio, 0.5);
+}
+
+TEST_F(RelocalisationInATown, TheEvidenceAddsUp) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(20);
+  const auto answer = relocalise(source->next()->points);
+  ASSERT_TRUE(answer.found.has_value());
+  EXPECT_GE(answer.found->confidence, quick_options().min_confidence);
+  std::uint32_t points = 0;
+  for (const std::uint32_t n : answer.found->residuals.points) points += n;
+  EXPECT_EQ(points, answer.found->registration.scores.hits);
+  for (const auto& other : answer.alternatives) {
+    EXPECT_LE(other.confidence, answer.found->confidence);
+  }
+}
+
 TEST_F(RelocalisationInATown, TheAnswerDoesNotDependOnTheThreadCount) {
   const auto source =
       TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
@@ -166,6 +213,20 @@ TEST(PlaceIndex, APriorThatIsNoPriorIsRefused) {
   prior.radius_m = -1;
   test::expect_error(
       ErrorCode::kInvalidArgument, [&] { index.relocalise({}, {}, {}, prior, {}); }, "radius_m");
+}
+
+TEST(PosePrior, FromACovarianceReachesItsSigmasAtTheScan) {
+  const Pose T = upright_pose(100, 0, 0.3);
+  Matrix6d covariance = 1e-6 * Matrix6d::Identity();
+  covariance(0, 0) = 4.0;     // 2 m along x
+  covariance(5, 5) = 0.0025;  // 0.05 rad: 5 m at a distance of 100 m
+  const PosePrior prior = prior_from_covariance(T, covariance, 3.0);
+  EXPECT_NEAR(prior.radius_m, 15.0, 0.01);
+  EXPECT_NEAR(prior.yaw_range_rad, 0.15, 1e-9);
+  EXPECT_EQ(prior.T_map_scan.matrix(), T.matrix());
+  covariance(1, 1) = -1;
+  test::expect_error(
+      ErrorCode::kInvalidArgument, [&] { prior_from_covariance(T, covariance); }, "covariance");
 }
 
 TEST(PolarImage, CorrelationPeaksAtTheTurnBetweenTwoViews) {

@@ -1,14 +1,18 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "cellmap/core/id.hpp"
 #include "cellmap/geometry/pose.hpp"
 #include "cellmap/place/loop_detection.hpp"
 #include "cellmap/registration/registration.hpp"
+#include "cellmap/scan/scan_source.hpp"
 
 namespace cellmap {
 
@@ -19,26 +23,55 @@ struct PosePrior {
   double yaw_range_rad = 0.35;  ///< and the true yaw within this
 };
 
+/// The prior of a pose that is known with a covariance of exp(xi) * T_map_scan: what lies within
+/// `sigmas` standard deviations, at least 1 m and 5 deg. Throws Error{kInvalidArgument} where the
+/// pose is not rigid or the covariance is not finite and positive on its diagonal.
+PosePrior prior_from_covariance(const Pose& T_map_scan, const Matrix6d& covariance,
+                                double sigmas = 3.0);
+
+/// What is asked for: points around one position, and what is known of it.
+struct RelocalisationQuery {
+  /// Roughly z up (10 deg); seen from about the origin, so that what is near hides what is far.
+  PointCloud points;
+  /// Unit normals of the surfaces that the points lie on, of either sign and as many as points;
+  /// empty: not compared.
+  PointCloud normals;
+  std::optional<PosePrior> prior;
+
+  /// One scan, in its sensor frame; points that are not finite, or the origin, are ignored.
+  static RelocalisationQuery from_scan(PointCloud scan);
+  /// Several scans with their odometry, stacked; the answer is the pose of the last one.
+  static RelocalisationQuery from_scans(std::span<const PosedScan> scans);
+  /// A CELL that was built elsewhere; the answer is the pose of the CELL.
+  static RelocalisationQuery from_cell(const Cell& cell, const Lattice& lattice);
+};
+
 struct RelocaliseOptions {
-  std::size_t candidates = 10;        ///< places that go on to registration
-  std::size_t starts = 6;             ///< alignments of the images tried at each; about 4 ms each
+  std::size_t shortlist = 250;        ///< places most like the query that are aligned with it
+  std::size_t candidates = 10;        ///< of them, places that go on to registration
+  std::size_t starts = 6;             ///< alignments tried at each, on `screen_points`
+  std::size_t searched = 8;           ///< of all, the best that go on to `search_points`
   std::size_t alternatives = 3;       ///< rejected or second-best answers reported
+  std::size_t screen_points = 800;    ///< of the query, for each start; about 0.06 ms
   std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
   std::size_t refine_points = 30'000;
-  /// A place is believed by itself where it passes these two.
-  AcceptanceOptions acceptance = default_place_acceptance();
-  StructureAcceptance structure = clear_structure_acceptance();
-  /// Else the best place is believed where it passes these two and its structure agrees better by
-  /// `min_dominance` than that of every place more than 5 m away. Without a prior there must be
-  /// such a place to compare with.
-  AcceptanceOptions busy_acceptance = busy_place_acceptance();
-  StructureAcceptance busy_structure = busy_structure_acceptance();
-  double min_dominance = 0.2;
+  /// A place is believed where its registration passes this and holds every motion (not
+  /// degenerate; a prior may hold what the scene does not), and with at least this confidence.
+  AcceptanceOptions acceptance = searched_place_acceptance();
+  double min_confidence = 0.5;
   RegistrationOptions registration = default_place_registration();
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 
   void validate() const;
   PoseSearchOptions search() const;
+};
+
+/// How far the points of a query lie from the planes that they meet; positive in front of them.
+struct ResidualHistogram {
+  static constexpr std::array<double, 11> kBordersM = {-1.0, -0.5, -0.2, -0.1, -0.05, 0.0,
+                                                       0.05, 0.1,  0.2,  0.5,  1.0};
+  /// Of points below the first border, between neighbouring ones and from the last on.
+  std::array<std::uint32_t, kBordersM.size() + 1> points{};
 };
 
 /// One place tried.
@@ -47,7 +80,15 @@ struct RelocalisationCandidate {
   Pose T_map_scan = Pose::Identity();
   Pose T_cell_scan = Pose::Identity();
   RegistrationResult registration;
-  StructureScores structure;  ///< of the few places that were refined
+  double similarity = 0;        ///< of what query and CELL look like from above, in [-1, 1]
+  StructureScores structure;    ///< of the few places that were refined
+  ResidualHistogram residuals;  ///< of them too
+  /// By how much its structure agrees better than that of the best other place that was refined,
+  /// more than 5 m away; 1 where there was none.
+  double dominance = 0;
+  /// Other CELLs that were tried and say the same pose in the map, within 0.5 m and 2 deg.
+  std::uint32_t witnesses = 0;
+  double confidence = 0;  ///< in [0, 1], that the pose is right (`confidence_of`)
   bool accepted = false;
 };
 
@@ -84,6 +125,11 @@ class PlaceIndex {
                                   const TargetProvider& targets,
                                   const std::optional<PosePrior>& prior,
                                   const RelocaliseOptions& options) const;
+
+  /// The same for any query.
+  RelocalisationAnswer relocalise(const RelocalisationQuery& query, const PoseGraph& graph,
+                                  const TargetProvider& targets,
+                                  const RelocaliseOptions& options = {}) const;
 
  private:
   struct Impl;

@@ -12,6 +12,8 @@ namespace {
 
 constexpr double kLevelNormalZ = 0.7;  // cos 45 deg
 constexpr double kOffLevelM = 0.5;
+/// Less structure than this proves nothing.
+constexpr std::uint32_t kFewestPlanes = 50, kFewestStructurePoints = 50;
 constexpr double kInlierM = 0.2, kBlockedM = 1.0;  // as in RegistrationScores
 
 /// Wide enough that a thinned scan has points in the directions it covers.
@@ -45,64 +47,95 @@ std::vector<std::uint32_t> nearest_of(const Lattice& lattice, const PointCloud& 
   return indices;
 }
 
-/// The ranges of a scan by direction, sorted by counting.
-class RangeImage {
+/// The points of a scan by direction, sorted by counting.
+class DirectionImage {
  public:
-  RangeImage(const Lattice& lattice, const PointCloud& scan) : begin_(lattice.size() + 2, 0) {
+  DirectionImage(const Lattice& lattice, const PointCloud& scan) : begin_(lattice.size() + 2, 0) {
     std::vector<std::uint32_t> patch = nearest_of(lattice, scan);
     // Sensors mark missing returns with the origin, which has no direction.
     for (std::uint32_t& i : patch) i = std::min(i, lattice.size());
     for (const std::uint32_t i : patch) ++begin_[i + 1];
     for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
     std::vector<std::uint32_t> next = begin_;
-    ranges_.resize(scan.size());
-    for (std::size_t i = 0; i < scan.size(); ++i) ranges_[next[patch[i]]++] = scan[i].norm();
+    points_.resize(scan.size());
+    for (std::size_t i = 0; i < scan.size(); ++i) {
+      points_[next[patch[i]]++] = {scan[i], scan[i].norm()};
+    }
   }
 
-  std::span<const float> along(std::uint32_t patch) const {
-    return std::span(ranges_).subspan(begin_[patch], begin_[patch + 1] - begin_[patch]);
+  struct Point {
+    Eigen::Vector3f position;
+    float range_m;
+  };
+  std::span<const Point> along(std::uint32_t patch) const {
+    return std::span(points_).subspan(begin_[patch], begin_[patch + 1] - begin_[patch]);
   }
 
  private:
   std::vector<std::uint32_t> begin_;
-  std::vector<float> ranges_;
+  std::vector<Point> points_;
 };
 
-/// Where the planes of a CELL that are not level meet their rays, in the frame of a scan.
-PointCloud upright_structure(const RegistrationTarget& target, const Pose& T_scan_cell) {
-  PointCloud points;
+/// What a scan says of one plane of the CELL.
+struct PlaneSeen {
+  bool confirmed = false, tight = false, hidden = true, seen_through = true;
+
+  PlaneSeen(std::span<const DirectionImage::Point> points, const Eigen::Vector3f& at,
+            const Eigen::Vector3f& normal) {
+    constexpr float kTightM = 0.1f;
+    const float range = at.norm();
+    const float tolerance = std::max(0.5f, 0.05f * range);
+    const float through = range + std::max(static_cast<float>(kBlockedM), 0.1f * range);
+    for (const DirectionImage::Point& p : points) {
+      const bool agrees = std::abs(p.range_m - range) <= tolerance;
+      confirmed |= agrees;
+      tight |= agrees && std::abs(normal.dot(p.position - at)) <= kTightM;
+      hidden &= p.range_m < range - tolerance;
+      seen_through &= p.range_m > through;
+    }
+  }
+};
+
+/// Where the planes of a CELL that are not level meet their rays, and their normals, in the frame
+/// of a scan.
+UprightSurfaces upright_structure(const RegistrationTarget& target, const Pose& T_scan_cell) {
+  UprightSurfaces structure;
   const Cell& cell = target.cell();
   for (std::size_t k = 0; k < cell.planes.size(); ++k) {
-    if (is_level(cell.planes[k])) continue;
-    const Eigen::Vector3d p = T_scan_cell * (static_cast<double>(cell.planes[k].distance_m) *
+    const Plane& plane = cell.planes[k];
+    if (is_level(plane)) continue;
+    const Eigen::Vector3d p = T_scan_cell * (static_cast<double>(plane.distance_m) *
                                              target.lattice().direction(cell.indices[k]));
-    points.push_back(p.cast<float>());
+    const Eigen::Vector3d n = T_scan_cell.linear() * Eigen::Vector3d(plane.nx, plane.ny, plane.nz);
+    structure.points.push_back(p.cast<float>());
+    structure.normals.push_back(n.cast<float>());
   }
-  return points;
+  return structure;
 }
 
 void score_reverse(const RegistrationTarget& target, const PointCloud& scan,
                    const Pose& T_cell_scan, StructureScores& scores) {
-  constexpr std::size_t kFewestRanges = 2;
+  constexpr std::size_t kFewestPoints = 2;
   const Lattice lattice({LatticeKind::kFibonacci, kScanLatticeSize});
-  const RangeImage image(lattice, scan);
-  const PointCloud points = upright_structure(target, T_cell_scan.inverse());
-  const std::vector<std::uint32_t> patch = nearest_of(lattice, points);
-  std::size_t planes = 0, confirmed = 0, seen_through = 0;
-  for (std::size_t k = 0; k < points.size(); ++k) {
+  const DirectionImage image(lattice, scan);
+  const UprightSurfaces structure = upright_structure(target, T_cell_scan.inverse());
+  const std::vector<std::uint32_t> patch = nearest_of(lattice, structure.points);
+  std::size_t planes = 0, confirmed = 0, tight = 0, seen_through = 0, visible = 0;
+  for (std::size_t k = 0; k < patch.size(); ++k) {
     if (patch[k] == Lattice::kNowhere) continue;
-    const double range = points[k].norm();
-    const std::span<const float> seen = image.along(patch[k]);
-    if (seen.size() < kFewestRanges) continue;
+    const auto points = image.along(patch[k]);
+    if (points.size() < kFewestPoints) continue;
+    const PlaneSeen seen(points, structure.points[k], structure.normals[k]);
     ++planes;
-    const double tolerance = std::max(0.5, 0.05 * range);
-    confirmed += std::any_of(seen.begin(), seen.end(),
-                             [&](float r) { return std::abs(r - range) <= tolerance; });
-    const double nearest = *std::min_element(seen.begin(), seen.end());
-    seen_through += nearest > range + std::max(kBlockedM, 0.1 * range);
+    confirmed += seen.confirmed;
+    tight += seen.tight;
+    visible += !seen.hidden;
+    seen_through += seen.seen_through;
   }
   scores.planes = static_cast<std::uint32_t>(planes);
   scores.confirmed_ratio = share(confirmed, planes);
+  scores.tight_ratio = share(tight, planes);
+  scores.visible_tight_ratio = share(tight, visible);
   scores.share_seen_through = share(seen_through, planes);
 }
 
@@ -114,6 +147,27 @@ StructureScores score_structure(const RegistrationTarget& target, const PointClo
   score_forward(target, scan, T_cell_scan, scores);
   score_reverse(target, scan, T_cell_scan, scores);
   return scores;
+}
+
+void score_facing(const RegistrationTarget& target, const UprightSurfaces& surfaces,
+                  const Pose& T_cell_scan, StructureScores& scores) {
+  constexpr double kNearM = 0.3, kSameWay = 0.906;  // cos 25 deg
+  const PointCloud points = transformed(surfaces.points, T_cell_scan);
+  const std::vector<std::uint32_t> patch = nearest_of(target.lattice(), points);
+  std::size_t met = 0, facing = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const std::uint32_t slot = patch[i] == Lattice::kNowhere ? 0 : target.slot_of(patch[i]);
+    if (slot == 0) continue;
+    ++met;
+    const Plane& plane = target.cell().planes[slot - 1];
+    const Eigen::Vector3d n(plane.nx, plane.ny, plane.nz);
+    const Eigen::Vector3d on_plane = plane.distance_m * target.lattice().direction(patch[i]);
+    const Eigen::Vector3d facing_to = T_cell_scan.linear() * surfaces.normals[i].cast<double>();
+    facing += std::abs(n.dot(points[i].cast<double>() - on_plane)) <= kNearM &&
+              std::abs(n.dot(facing_to)) >= kSameWay;
+  }
+  scores.surfaces = static_cast<std::uint32_t>(met);
+  scores.facing_ratio = share(facing, met);
 }
 
 double agreement(const StructureScores& scores) {
@@ -137,24 +191,17 @@ bool is_acceptable(const StructureScores& scores, const StructureAcceptance& opt
          scores.share_seen_through <= options.max_share_seen_through;
 }
 
-StructureAcceptance clear_structure_acceptance() {
-  return {.min_inlier_ratio = 0.5,
-          .max_share_in_front = 0.045,
-          .min_confirmed_ratio = 0.7,
-          .max_share_seen_through = 0.075};
+double confidence_of(const StructureScores& scores) {
+  if (scores.planes < kFewestPlanes || scores.points < kFewestStructurePoints) return 0.0;
+  const double logit = 30 * (scores.tight_ratio - 0.47) + 12 * (scores.visible_tight_ratio - 0.62) +
+                       6 * (scores.inlier_ratio - 0.42);
+  return 1 / (1 + std::exp(-logit));
 }
 
-StructureAcceptance busy_structure_acceptance() {
-  return {.min_inlier_ratio = 0.45,
-          .max_share_in_front = 0.25,
-          .min_confirmed_ratio = 0.55,
-          .max_share_seen_through = 0.3};
-}
-
-AcceptanceOptions busy_place_acceptance() {
+AcceptanceOptions searched_place_acceptance() {
   AcceptanceOptions options;
-  options.max_share_in_front = 0.08;
-  options.max_median_residual_m = 0.06;
+  options.min_inlier_ratio_hit = 0.6;
+  options.max_share_in_front = 0.13;
   return options;
 }
 

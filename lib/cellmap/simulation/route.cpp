@@ -43,6 +43,13 @@ std::vector<Eigen::Vector2d> town_corners() {
           {200, -64}, {56, -64}, {56, 72},  {0, 72}, {0, 4}};
 }
 
+std::vector<Eigen::Vector2d> city_corners() {
+  return {{0, 0},     {210, 0},   {210, 165}, {95, 165},  {95, 0},    {405, 0},
+          {405, 165}, {290, 165}, {290, 350}, {95, 350},  {95, 270},  {405, 270},
+          {405, 80},  {520, 80},  {520, 350}, {290, 350}, {290, 165}, {0, 165},
+          {0, 350},   {95, 350},  {95, 270},  {245, 270}};
+}
+
 /// The corners joined by arcs, one point every half metre or so.
 std::vector<Eigen::Vector2d> rounded(const std::vector<Eigen::Vector2d>& corners, double radius_m) {
   std::vector<Eigen::Vector2d> line;
@@ -111,10 +118,9 @@ std::vector<double> speeds(const std::vector<Eigen::Vector2d>& line) {
   return speed;
 }
 
-}  // namespace
-
-Route town_route(double rate_hz) {
-  const std::vector<Eigen::Vector2d> line = rounded(town_corners(), 10.0);
+/// A drive along the corners.
+Route drive_along(const std::vector<Eigen::Vector2d>& corners, double rate_hz) {
+  const std::vector<Eigen::Vector2d> line = rounded(corners, 10.0);
   const std::vector<double> speed = speeds(line);
   Route route;
   double segment_start_s = 0;
@@ -140,6 +146,30 @@ Route town_route(double rate_hz) {
     segment_start_s += duration_s;
   }
   return route;
+}
+
+}  // namespace
+
+Route town_route(double rate_hz) { return drive_along(town_corners(), rate_hz); }
+
+Route city_route(double rate_hz) { return drive_along(city_corners(), rate_hz); }
+
+Route spaced(const Route& route, double spacing_m) {
+  Route sparse = {route.front()};
+  double next_m = spacing_m, driven_m = 0;
+  for (std::size_t i = 1; i < route.size(); ++i) {
+    const StampedPose &a = route[i - 1], &b = route[i];
+    const double step_m = (b.pose.translation() - a.pose.translation()).norm();
+    for (; driven_m + step_m >= next_m && step_m > 0; next_m += spacing_m) {
+      const double share = (next_m - driven_m) / step_m;
+      const auto elapsed = static_cast<Stamp>(share * static_cast<double>(b.stamp - a.stamp));
+      if (a.stamp + elapsed <= sparse.back().stamp) continue;
+      sparse.push_back({a.stamp + elapsed, interpolate(a.pose, b.pose, share)});
+    }
+    driven_m += step_m;
+  }
+  if (sparse.size() < 2) sparse.push_back(route.back());
+  return sparse;
 }
 
 Route route_from_file(const std::filesystem::path& file, PoseFrame frame) {

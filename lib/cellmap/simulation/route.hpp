@@ -19,6 +19,13 @@ using Route = std::vector<StampedPose>;
 /// slower in corners; gentle hills. Starts at the identity.
 Route town_route(double rate_hz);
 
+/// About 3.72 km through a larger town of unequal blocks, as long as KITTI's sequence 00: a fifth
+/// of it is driven twice, in either direction, and streets cross. Else as `town_route`.
+Route city_route(double rate_hz);
+
+/// The same drive with one pose each `spacing_m` of the way, interpolated; at least two.
+Route spaced(const Route& route, double spacing_m);
+
 /// The poses of a trajectory file, turned to x forward and z up where they are in the camera frame
 /// (z forward, x right, y down). Only axes change: the lever arm between camera and LiDAR, which
 /// no pose file gives, is ignored. With PoseFrame::kAuto the frame is told by the axis that the

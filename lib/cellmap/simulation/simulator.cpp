@@ -24,7 +24,14 @@ namespace {
 using namespace simulation;
 
 /// Independent parts that one seed feeds.
-enum SeedPart : std::uint64_t { kGroundSeed = 1, kTownSeed, kCarSeed, kNoiseSeed, kDriftSeed };
+enum SeedPart : std::uint64_t {
+  kGroundSeed = 1,
+  kTownSeed,
+  kCarSeed,
+  kNoiseSeed,
+  kDriftSeed,
+  kLeanSeed
+};
 
 /// Ray directions in the sensor frame, beam by beam from the top, each beam counter-clockwise from
 /// straight ahead.
@@ -58,6 +65,40 @@ Route on_the_ground(const Route& route, const Ground& ground, double left_m, dou
   return driven;
 }
 
+Route whole_route(const SimulatorOptions& options) {
+  if (options.route == "town") return town_route(options.lidar.rate_hz);
+  if (options.route == "city") return city_route(options.lidar.rate_hz);
+  return route_from_file(options.route, options.route_frame);
+}
+
+/// Where on the line each pose of the drive lies: both go along it in the same order.
+std::vector<double> arcs_of(const Route& drive, const Route& route, const Centreline& line) {
+  std::vector<double> arcs;
+  std::size_t i = 0;
+  for (const StampedPose& pose : drive) {
+    while (i + 2 < route.size() && route[i + 1].stamp <= pose.stamp) ++i;
+    const double share = static_cast<double>(pose.stamp - route[i].stamp) /
+                         static_cast<double>(route[i + 1].stamp - route[i].stamp);
+    arcs.push_back(line.arc_of_pose_m(i) +
+                   share * (line.arc_of_pose_m(i + 1) - line.arc_of_pose_m(i)));
+  }
+  return arcs;
+}
+
+/// The sensor as it is mounted, for each scan anew where it leans.
+void turn_sensor(const SimulatorOptions& options, Route& drive) {
+  constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+  const std::uint64_t seed = sub_seed(options.seed, kLeanSeed);
+  for (std::size_t i = 0; i < drive.size(); ++i) {
+    Random random(sub_seed(sub_seed(seed, options.traffic_seed), i));
+    const double towards = random.uniform(-std::numbers::pi, std::numbers::pi);
+    const Eigen::Vector3d axis(std::cos(towards), std::sin(towards), 0);
+    drive[i].pose.rotate(
+        Eigen::AngleAxisd(options.heading_deg * kRadPerDeg, Eigen::Vector3d::UnitZ()));
+    drive[i].pose.rotate(Eigen::AngleAxisd(random.uniform(0, options.lean_deg) * kRadPerDeg, axis));
+  }
+}
+
 /// A real estimate of the same route, moved along the vehicle's own axes as the truth was, so that
 /// the error of every relative motion stays what it is.
 Route estimate_from_file(const SimulatorOptions& options, const Route& route, const Route& truth) {
@@ -80,8 +121,7 @@ class SimulatedDrive final : public ScanSource {
  public:
   explicit SimulatedDrive(const SimulatorOptions& options)
       : options_(options),
-        route_(options.route == "town" ? town_route(options.lidar.rate_hz)
-                                       : route_from_file(options.route, options.route_frame)),
+        route_(whole_route(options)),
         line_(route_),
         ground_(line_, sensor_height_m(), sub_seed(options.seed, kGroundSeed)),
         traffic_(line_, ground_, sub_seed(traffic_seed(), kCarSeed)),
@@ -89,7 +129,10 @@ class SimulatedDrive final : public ScanSource {
                plan_town(line_, ground_, sub_seed(options.seed, kTownSeed), traffic_seed())),
         directions_(ray_directions(options.lidar)),
         hits_(directions_.size()) {
-    Route truth = on_the_ground(route_, ground_, options.lateral_offset_m, sensor_height_m());
+    const Route drive = options.spacing_m > 0 ? spaced(route_, options.spacing_m) : route_;
+    arc_m_ = arcs_of(drive, route_, line_);
+    Route truth = on_the_ground(drive, ground_, options.lateral_offset_m, sensor_height_m());
+    turn_sensor(options, truth);
     odometry_ = make_odometry(truth);
     if (options.scans != 0 && options.scans < truth.size()) {
       truth.resize(options.scans);
@@ -153,8 +196,7 @@ class SimulatedDrive final : public ScanSource {
     const double range_m = options_.lidar.max_range_m;
     std::vector<RayCaster::Instance> scene = tiles_.around(p.x(), p.y(), range_m);
     const double time_s = to_seconds(truth_[index].stamp - truth_[0].stamp);
-    for (const MovingCar& car :
-         traffic_.at(time_s, line_.arc_of_pose_m(index), T_world_sensor, range_m)) {
+    for (const MovingCar& car : traffic_.at(time_s, arc_m_[index], T_world_sensor, range_m)) {
       scene.push_back({vehicles_[static_cast<std::size_t>(car.model)], car.T_world_car});
     }
     caster_.cast(scene, T_world_sensor, directions_, range_m, options_.threads, hits_);
@@ -191,6 +233,7 @@ class SimulatedDrive final : public ScanSource {
   std::vector<std::shared_ptr<const RayMesh>> vehicles_;
   std::vector<Eigen::Vector3f> directions_;
   std::vector<RayCaster::Hit> hits_;
+  std::vector<double> arc_m_;  // of each scan
   Trajectory truth_;
   Route odometry_;
   std::uint64_t noise_seed_ = 0;
@@ -207,18 +250,27 @@ void require_file(const std::string& path, const std::string& expected) {
 
 void SimulatorOptions::validate() const {
   lidar.validate();
-  if (route != "town") require_file(route, "the route \"town\" or a trajectory file");
+  const bool generated = route == "town" || route == "city";
+  if (!generated) require_file(route, "the routes \"town\", \"city\" or a trajectory file");
   if (odometry != "truth" && odometry != "drift") {
     require_file(odometry, "the odometry \"truth\", \"drift\" or a trajectory file");
-    if (route == "town") {
-      throw Error(ErrorCode::kInvalidArgument, "expected a route file that " + odometry +
-                                                   " was estimated on, found the generated town");
+    if (generated || spacing_m > 0) {
+      throw Error(ErrorCode::kInvalidArgument,
+                  "expected a route file that " + odometry +
+                      " was estimated on, row for row, found a generated town or another "
+                      "spacing");
     }
   }
   if (!(lateral_offset_m >= -2.0 && lateral_offset_m <= 4.0)) {
     throw Error(ErrorCode::kInvalidArgument,
                 "expected a lateral offset of -2 (right) to 4 (left) m, found " +
                     std::to_string(lateral_offset_m));
+  }
+  if (!(spacing_m >= 0 && spacing_m <= 1000 && std::abs(heading_deg) <= 360 && lean_deg >= 0 &&
+        lean_deg <= 30)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "expected a spacing of 0 to 1000 m, a heading within 360 deg and a lean of 0 to 30 "
+                "deg");
   }
   if (threads < 0) {
     throw Error(ErrorCode::kInvalidArgument,

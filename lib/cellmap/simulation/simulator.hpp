@@ -35,10 +35,13 @@ struct LidarModel {
 };
 
 struct SimulatorOptions {
-  std::string route = "town";  ///< "town": generated, with loops; else a trajectory file (KITTI
-                               ///< camera or sensor frame, see `route_frame`; or TUM)
+  /// "town": generated, about 1 km with loops; "city": the same of 3.7 km; else a trajectory file
+  /// (KITTI camera or sensor frame, see `route_frame`; or TUM).
+  std::string route = "town";
   PoseFrame route_frame = PoseFrame::kAuto;
-  std::size_t scans = 0;           ///< 0: the whole route
+  std::size_t scans = 0;  ///< 0: the whole route
+  /// One scan each this many metres of the way; 0: at the LiDAR's rate, or one a row of the file.
+  double spacing_m = 0;
   std::uint64_t seed = 1;          ///< world, noise and drift
   std::string odometry = "drift";  ///< "truth", "drift" (seeded model), or a trajectory file
                                    ///< estimated on the same route, row for row
@@ -50,6 +53,12 @@ struct SimulatorOptions {
   /// Seed of moved and parked cars, so that another day has the same town but other cars and, like
   /// another lane, noise of its own. 0: `seed`.
   std::uint64_t traffic_seed = 0;
+  /// The sensor is turned this far to the left of where its vehicle drives: at 180 it sees what a
+  /// drive in the opposite direction sees.
+  double heading_deg = 0;
+  /// Each scan is taken leaning by up to this about a horizontal axis, both drawn at random; 0 to
+  /// 30.
+  double lean_deg = 0;
 
   void validate() const;
 };

@@ -1,0 +1,83 @@
+#include "client/cli/evaluate_map.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "cellmap/codec/zstd.hpp"
+
+namespace cellmap::cli {
+namespace {
+
+/// Where the truth lies as seen from the nearest CELL in sight.
+void describe_place(const PoseGraph& graph, const Pose& truth, RelocalisationTrial& trial) {
+  trial.distance_m = std::numeric_limits<double>::infinity();
+  for (const auto& [id, T_map_cell] : graph.nodes) {
+    const Eigen::Vector3d apart = T_map_cell.inverse() * truth.translation();
+    if (apart.norm() >= trial.distance_m) continue;
+    trial.distance_m = apart.norm();
+    trial.lateral_m = std::abs(apart.y());
+  }
+}
+
+const RelocalisationCandidate* best_of(const RelocalisationAnswer& answer) {
+  if (answer.found) return &*answer.found;
+  return answer.alternatives.empty() ? nullptr : &answer.alternatives.front();
+}
+
+}  // namespace
+
+void KnownMap::add(CellId id, std::shared_ptr<const Cell> cell, const Pose& T_map_cell) {
+  index.add(id, *cell, *lattice);
+  graph.nodes[id] = T_map_cell;
+  targets[id] = std::make_shared<const RegistrationTarget>(std::move(cell), lattice);
+}
+
+KnownMap load_known_map(const Store& store, const std::string& name) {
+  KnownMap map;
+  map.lattice = std::make_shared<const Lattice>(store.map(name).lattice);
+  for (const auto& [id, T_map_cell] : store.pose_graph(name).nodes) {
+    const auto bytes = zstd_decompress(*store.compressed_cell(name, id), kMaxCellBytes);
+    map.add(id, std::make_shared<const Cell>(decode_cell(bytes)), T_map_cell);
+  }
+  return map;
+}
+
+Asked ask(const KnownMap& map, const KnownQuery& query, const RelocaliseOptions& options) {
+  PoseGraph visible;
+  visible.nodes = map.graph.nodes;
+  for (const CellId id : query.hidden) visible.nodes.erase(id);
+  Asked asked;
+  RelocalisationTrial& trial = asked.trial;
+  trial.mapped = query.mapped;
+  describe_place(visible, query.T_map_query, trial);
+
+  const TargetProvider targets = [&](CellId id) { return map.targets.at(id); };
+  const auto begun = std::chrono::steady_clock::now();
+  const RelocalisationAnswer answer = map.index.relocalise(query.query, visible, targets, options);
+  trial.query_ms =
+      std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count();
+
+  trial.accepted = answer.found.has_value();
+  trial.error_m = trial.error_deg = std::numeric_limits<double>::infinity();
+  if (const RelocalisationCandidate* best = best_of(answer)) {
+    asked.best = *best;
+    trial.confidence = best->confidence;
+    trial.error_m = (best->T_map_scan.translation() - query.T_map_query.translation()).norm();
+    trial.error_deg =
+        angle_between_rad(best->T_map_scan, query.T_map_query) * 180 / std::numbers::pi;
+  }
+  return asked;
+}
+
+std::vector<CellId> cells_where(const KnownMap& map,
+                                const std::function<bool(CellId, const Pose&)>& condition) {
+  std::vector<CellId> cells;
+  for (const auto& [id, T_map_cell] : map.graph.nodes) {
+    if (condition(id, T_map_cell)) cells.push_back(id);
+  }
+  return cells;
+}
+
+}  // namespace cellmap::cli

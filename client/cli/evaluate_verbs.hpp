@@ -1,0 +1,10 @@
+#pragma once
+
+#include "client/cli/command_line.hpp"
+
+namespace cellmap::cli {
+
+/// `evaluate relocalisation`, declared under `evaluate`.
+void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs);
+
+}  // namespace cellmap::cli
