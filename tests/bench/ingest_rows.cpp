@@ -43,7 +43,7 @@ Counts map_in_memory(const std::vector<PosedScan>& scans, std::shared_ptr<const 
                      int threads) {
   std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets;
   Mapper mapper(mapper_options(threads), "bench", lattice, {},
-                [&](CellId id) { return targets.at(id); });
+                {[&](CellId id) { return targets.at(id); }});
   Counts counts;
   MemorySource source(scans);
   build_map(source, mapper, [&](CellUpdate&& update) {
@@ -60,7 +60,7 @@ class MapInStore {
       : store_(open_sqlite_store(folder_ / "map.db")),
         lattice_(std::make_shared<const Lattice>(store_->create_map(kMap, {}).lattice)),
         mapper_(mapper_options(threads), "bench", lattice_, {},
-                [this](CellId id) { return load(id); }) {}
+                {[this](CellId id) { return load(id); }}) {}
 
   void add(const PosedScan& scan) { keep(mapper_.add(scan)); }
   void finish() { keep(mapper_.finish()); }
@@ -76,13 +76,7 @@ class MapInStore {
   void keep(const std::optional<CellUpdate>& update) {
     if (!update) return;
     counts_.add(*update);
-    MapUpdate change;
-    change.cells.push_back({update->id, update->cell, encode_cell(*update->cell),
-                            update->poses.at(update->id), update->scans, update->raw_points});
-    change.poses = update->poses;
-    change.poses.erase(update->id);
-    change.add_constraints = update->constraints;
-    store_->commit(kMap, change);
+    store_->commit(kMap, to_map_update(*update));
   }
 
   const test::TempFolder folder_;

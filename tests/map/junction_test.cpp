@@ -130,12 +130,14 @@ TEST(Junction, BringingTogetherMovesTheYoungerIslandOnly) {
     constraint.to = {to};
     graph.constraints.push_back(constraint);
   }
+  graph.unaligned = {CellId{5}, CellId{6}};
   const PoseGraph before = graph;
   Junction junction;
   junction.island = {1};  // the elder asked
   junction.other = {5};
   junction.T_other_island = upright_pose(10, -3, 1);
   bring_together(graph, junction);
+  EXPECT_TRUE(graph.unaligned.empty());
   EXPECT_EQ(graph.nodes.at({1}).matrix(), before.nodes.at({1}).matrix());
   EXPECT_EQ(graph.nodes.at({2}).matrix(), before.nodes.at({2}).matrix());
   for (const std::uint32_t id : {5u, 6u}) {

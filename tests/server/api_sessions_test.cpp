@@ -122,6 +122,21 @@ TEST_F(ApiSessions, ASecondSessionIsAnIslandUntilItIsTiedToTheMap) {
             Json({2}));
 }
 
+TEST_F(ApiSessions, NeedAMapAndTheRightContentType) {
+  const std::string nowhere = "/v1/maps/nowhere/sessions";
+  const EncodedCell cell = street_cell(0, 0);
+  const std::string of_cell = "/drive/cells/" + to_hex(cell.hash);
+  const std::vector<Headed> cell_type{{"Content-Type", "application/vnd.cellmap.cell"}};
+  expect_problem(post(nowhere, R"({"name":"monday"})"), 404, "not-found");
+  expect_problem(post(nowhere + "/drive/cells:lacking", R"({"hashes":[]})"), 404, "not-found");
+  expect_problem(send("PUT", nowhere + of_cell, to_text(cell.bytes), cell_type), 404, "not-found");
+  const std::vector<Headed> text{{"Content-Type", "text/plain"}};
+  const std::string here = kSessions;
+  expect_problem(send("POST", here, "{}", text), 415, "unsupported");
+  expect_problem(send("POST", here + "/drive/cells:lacking", "{}", text), 415, "unsupported");
+  expect_problem(send("PUT", here + of_cell, to_text(cell.bytes), text), 415, "unsupported");
+}
+
 TEST_F(ApiSessions, AreThereAfterARestart) {
   post(kSessions, R"({"name":"monday","robot":"cart-7"})");
   put(street_cell(0, 0, "first"), "first");

@@ -82,6 +82,8 @@ struct BuiltMap {
   void add(CellUpdate&& update) {
     targets[update.id] = std::make_shared<const RegistrationTarget>(update.cell, lattice);
     for (const auto& [id, T] : update.poses) graph.nodes[id] = T;
+    if (update.unaligned) graph.unaligned.insert(update.id);
+    for (const CellId id : update.aligned) graph.unaligned.erase(id);
     graph.constraints.insert(graph.constraints.end(), update.constraints.begin(),
                              update.constraints.end());
     updates.push_back(std::move(update));

@@ -66,12 +66,12 @@ struct StructureAcceptance {
 
 bool is_acceptable(const StructureScores& scores, const StructureAcceptance& options);
 
-/// How likely a place that was searched for without a guess is the right one, in [0, 1].
+/// How far a place that was searched for without a guess is to be believed, in [0, 1].
 ///
 /// A logistic function of how much of the upright structure that the scan looks at it confirms to
 /// 0.1 m, of all planes and of those that nothing hides, and of how much of the scan's own
-/// structure lies on the CELL's. Fitted on simulated drives and held against KITTI 00, MulRan
-/// (OS1-64) and a Livox Avia, see the source.
+/// structure lies on the CELL's. Set by hand on simulated drives, KITTI 00, MulRan (OS1-64) and a
+/// Livox Avia, none of which was held out: a score that orders places, no calibrated probability.
 double confidence_of(const StructureScores& scores);
 
 /// What the registration at such a place must reach beside it. The sight line is the business of
