@@ -37,7 +37,8 @@ drive 2 180 260 &
 second=$!
 sleep 2
 drive 3 360 200
-wait $first $second
+wait $first
+wait $second
 
 "$cellmap" sessions town --server "$url"
 "$cellmap" info town --server "$url"

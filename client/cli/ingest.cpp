@@ -58,6 +58,11 @@ void send_cells(Client& client, const Options& options, const Console& console) 
         [&](const Progress& progress) { bar.update(progress.scans_done, progress.scans_total); },
         interrupt.token());
   }
+  if (interrupt.token().stop_requested()) {
+    throw Error(
+        ErrorCode::kCancelled,
+        "stopped sending; what was sent is in the map, run the same command again to go on");
+  }
   const Traffic traffic = client.traffic();
   const std::uint64_t raw_bytes = sent.raw_points * 12;  // three float32
   console.print(

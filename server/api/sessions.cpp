@@ -1,11 +1,10 @@
-#include <algorithm>
 #include <set>
+#include <vector>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
-#include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 #include "server/jobs/ingest.hpp"
 
@@ -84,19 +83,18 @@ Response create(Services& services, const Call& call) {
   return response;
 }
 
-/// Hashes of the session's CELLs, page by page.
-std::set<std::string> hashes_of(const Store& store, const std::string& map,
-                                const std::string& session) {
-  std::set<std::string> hashes;
+std::vector<CellRecord> cells_of(const Store& store, const std::string& map,
+                                 const std::string& session) {
+  std::vector<CellRecord> cells;
   CellQuery query;
   query.session = session;
   query.limit = 10'000;
   do {
     const CellPage page = store.cells(map, query);
-    for (const CellRecord& cell : page.cells) hashes.insert(to_hex(cell.hash));
+    cells.insert(cells.end(), page.cells.begin(), page.cells.end());
     query.cursor = page.next_cursor;
   } while (!query.cursor.empty());
-  return hashes;
+  return cells;
 }
 
 Response lacking(Services& services, const Call& call) {
@@ -105,7 +103,10 @@ Response lacking(Services& services, const Call& call) {
   const Json* asked = reader.array("hashes", kMaxHashes);
   reader.finish();
   if (!asked) throw Error(ErrorCode::kInvalidArgument, "Expected 'hashes', an array of text.");
-  const auto there = hashes_of(services.store, call.path("map"), call.path("session"));
+  std::set<std::string> there;
+  for (const auto& cell : cells_of(services.store, call.path("map"), call.path("session"))) {
+    there.insert(to_hex(cell.hash));
+  }
   Json answer = Json::array();
   for (const Json& hash : *asked) {
     if (!hash.is_string()) {
@@ -169,16 +170,9 @@ Response put_cell(Services& services, const Call& call) {
   const auto last = services.store.last_cell(map, view.header.session);
   const std::uint32_t expected = last ? last->sequence + 1 : 0;
   if (view.header.sequence < expected) {
-    CellQuery query;
-    query.session = view.header.session;
-    query.limit = 10'000;
-    do {
-      const CellPage page = services.store.cells(map, query);
-      for (const CellRecord& record : page.cells) {
-        if (record.hash == view.hash) return cell_answer(services, call, record, 200);
-      }
-      query.cursor = page.next_cursor;
-    } while (!query.cursor.empty());
+    for (const CellRecord& record : cells_of(services.store, map, view.header.session)) {
+      if (record.hash == view.hash) return cell_answer(services, call, record, 200);
+    }
     throw Error(ErrorCode::kConflict, "The session has another CELL with sequence " +
                                           std::to_string(view.header.sequence) +
                                           "; CELLs never change.");
