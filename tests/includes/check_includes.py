@@ -23,7 +23,7 @@ ROOMS = {
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
     "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
-    "store": ["core", "geometry", "scan", "cell", "pose_graph", "pipeline", "codec"],
+    "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry"],
@@ -44,6 +44,7 @@ VENDORS = {
     r"flatbuffers/": ["codec"],
     r"SQLiteCpp/|sqlite3\.h": ["store"],
     r"embree3/": ["simulation"],
+    r"GeographicLib/": ["map"],
     r"httplib\.h": ["server", "client"],
     r"nlohmann/": ["codec", "server", "client", "evaluation"],
     r"CLI/": ["server", "client"],
@@ -52,7 +53,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 
