@@ -21,6 +21,7 @@ ROOMS = {
     "pose_graph": ["core", "geometry", "registration"],
     "place": ["core", "geometry", "scan", "cell", "registration", "pose_graph"],
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
+    "change": ["core", "geometry", "cell", "registration", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
     "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
@@ -28,9 +29,9 @@ ROOMS = {
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "pipeline", "codec", "store"],
+               "change", "pipeline", "codec", "store"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "pipeline", "codec", "store", "evaluation", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "evaluation", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it
