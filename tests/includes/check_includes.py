@@ -36,7 +36,7 @@ ROOMS = {
 
 # vendor header -> rooms that may include it
 VENDORS = {
-    r"ceres/": ["pose_graph"],
+    r"ceres/|omp\.h": ["pose_graph"],
     r"pcl/": ["pcl"],
     r"(oneapi/)?tbb/": ["core"],
     r"hwy/": ["simd"],
@@ -54,7 +54,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 
