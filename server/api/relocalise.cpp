@@ -91,20 +91,6 @@ Json cell_name(const Services& services, const std::string& map, CellId id) {
   return {{"id", id.value}, {"hash", to_hex(services.store.cell(map, id).hash)}};
 }
 
-Json histogram_to_json(const ResidualHistogram& histogram) {
-  return {{"borders_m", histogram.kBordersM}, {"points", histogram.points}};
-}
-
-/// What speaks for a place and against it.
-void add_evidence(Json& json, const RelocalisationCandidate& candidate) {
-  json["scores"] = to_json(candidate.registration.scores);
-  json["confidence"] = candidate.confidence;
-  json["similarity"] = candidate.similarity;
-  json["dominance"] = candidate.dominance;
-  json["witnesses"] = candidate.witnesses;
-  json["residuals"] = histogram_to_json(candidate.residuals);
-}
-
 Json to_document(const Services& services, const std::string& map,
                  const RelocalisationAnswer& answer) {
   Json json{{"found", answer.found.has_value()}};
@@ -116,7 +102,7 @@ Json to_document(const Services& services, const std::string& map,
     if (const auto georeference = services.store.map(map).georeference) {
       json["geopose"] = to_json(to_geopose(*georeference, found->T_map_scan));
     }
-    add_evidence(json, *found);
+    document::add_evidence(json, *found);
     json["degenerate"] = found->registration.degeneracy.degenerate;
   }
   json["alternatives"] = Json::array();
@@ -124,7 +110,7 @@ Json to_document(const Services& services, const std::string& map,
     Json alternative{{"cell", cell_name(services, map, other.cell)},
                      {"T_map_scan", to_json(other.T_map_scan)},
                      {"accepted", other.accepted}};
-    add_evidence(alternative, other);
+    document::add_evidence(alternative, other);
     json["alternatives"].push_back(std::move(alternative));
   }
   json["cells_considered"] = answer.cells_considered;
