@@ -25,6 +25,10 @@ class RegistrationTarget {
   /// The slot of the plane of a lattice point: its position in cell().planes plus 1; 0 where the
   /// patch has none.
   std::uint32_t slot_of(std::uint32_t lattice_index) const { return slots_[lattice_index]; }
+  /// The plane of a slot as `plane_table` has it; slot 0 is infinitely far from every point.
+  const simd::HessePlane& hesse_plane(std::uint32_t slot) const {
+    return slot == 0 ? hesse_planes_.back() : hesse_planes_[cell_->indices[slot - 1] - first_];
+  }
   /// Normal and offset n . (distance * direction) by lattice point: the point-to-plane distance is
   /// n . p - offset. One look-up a point instead of two.
   simd::PlaneTable plane_table() const {
