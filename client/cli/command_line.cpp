@@ -35,6 +35,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_pull(app, verbs);
   add_loops(app, verbs);
   add_sessions(app, verbs);
+  add_merge(app, verbs);
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);

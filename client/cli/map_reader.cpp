@@ -5,6 +5,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/pipeline/refine.hpp"
+#include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/mirror_reader.hpp"
 
@@ -29,6 +30,9 @@ class ServerReader : public MapReader {
   }
   PoseGraph pose_graph(const std::string& map) override { return client_.pose_graph(map); }
   LoopList loops(const std::string& map) override { return client_.loops(map); }
+  ConstraintReport loop(const std::string& map, ConstraintId id) override {
+    return client_.loop(map, id);
+  }
   std::string trajectory_text(const std::string& map, const std::string& session,
                               TrajectoryFormat format, TrajectoryStage stage) override {
     return client_.trajectory_text(map, session, format, stage);
@@ -85,6 +89,10 @@ class StoreReader : public MapReader {
 };
 
 }  // namespace
+
+ConstraintReport MapReader::loop(const std::string& map, ConstraintId id) {
+  return explain(pose_graph(map), id);
+}
 
 void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror) {
   auto* server = verb.add_option("--server", place.server,

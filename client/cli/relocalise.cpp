@@ -51,6 +51,13 @@ std::string found_text(const Relocalisation& relocalisation) {
                  sigma[2], sigma[3] * 180 / std::numbers::pi, sigma[4] * 180 / std::numbers::pi,
                  sigma[5] * 180 / std::numbers::pi,
                  found.registration.degeneracy.degenerate ? "  (a direction is weakly held)" : "");
+  if (const auto& geopose = relocalisation.geopose) {
+    const Eigen::Quaterniond& q = geopose->q_enu_body;
+    text +=
+        format("  on Earth    %.8f %.8f deg, %.3f m  %.6f %.6f %.6f %.6f\n", geopose->latitude_deg,
+               geopose->longitude_deg, geopose->height_m, q.x(), q.y(), q.z(), q.w());
+  }
+  text += format("  confidence  %.2f, %u other CELLs agree\n", found.confidence, found.witnesses);
   return text + "  scores      " + scores_text(found.registration.scores) + "\n";
 }
 

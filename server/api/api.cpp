@@ -57,6 +57,8 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_loop_routes(router_, *services_);
   add_session_routes(router_, *services_);
   add_session_scan_routes(router_, *services_);
+  add_split_route(router_, *services_);
+  add_georeference_routes(router_, *services_);
   add_job_routes(router_, *services_);
 }
 

@@ -37,13 +37,17 @@ MapVersion wait_for_other(const Services& services, const std::string& map, cons
 
 Json changes_to_json(const MapChanges& changes) {
   Json added = Json::array(), constraints = Json::array();
-  Json removed = Json::array(), removed_constraints = Json::array();
+  Json removed = Json::array(), removed_constraints = Json::array(), judged = Json::array();
   for (const auto& cell : changes.added) added.push_back(to_json(cell));
   for (const auto& constraint : changes.added_constraints) {
     constraints.push_back(to_json(constraint));
   }
   for (const auto id : changes.removed) removed.push_back(id.value);
   for (const auto id : changes.removed_constraints) removed_constraints.push_back(id.value);
+  for (const auto& [id, judgement] : changes.judged) {
+    judged.push_back(
+        {{"id", id.value}, {"weight", judgement.weight}, {"pinned", judgement.pinned}});
+  }
   return {{"since", changes.since},
           {"revision", changes.revision},
           {"added", std::move(added)},
@@ -51,7 +55,8 @@ Json changes_to_json(const MapChanges& changes) {
           {"removed", std::move(removed)},
           {"unaligned", ids_to_json(changes.unaligned)},
           {"added_constraints", std::move(constraints)},
-          {"removed_constraints", std::move(removed_constraints)}};
+          {"removed_constraints", std::move(removed_constraints)},
+          {"judged", std::move(judged)}};
 }
 
 /// Holds the request back while the map has no other revision than the one that the client has.

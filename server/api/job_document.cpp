@@ -28,7 +28,7 @@ Json to_json(const JobView& job) {
           {"map", record.map},
           {"kind", record.kind},
           {"state", to_string(record.state)},
-          {"session", job.session},
+          {"session", job.session.empty() ? Json() : Json(job.session)},
           {"scans_done", record.scans_done},
           {"scans_total", record.scans_total},
           {"cells_done", record.cells_done},

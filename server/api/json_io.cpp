@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/pose_graph/edit.hpp"
 #include "server/api/text.hpp"
 
 namespace cellmap::server {
@@ -20,7 +21,7 @@ constexpr int kMaxDepth = 16;
 
 Json vector_to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
-std::vector<double> numbers(const Json& json, std::size_t count) {
+std::vector<double> finite_numbers(const Json& json, std::size_t count) {
   std::vector<double> values;
   if (!json.is_array() || json.size() != count) return values;
   for (const auto& element : json) {
@@ -113,10 +114,19 @@ std::optional<std::uint64_t> ObjectReader::integer(const std::string& key, std::
   return json->get<std::uint64_t>();
 }
 
+std::optional<std::vector<double>> ObjectReader::numbers(const std::string& key,
+                                                         std::size_t count) {
+  const Json* json = member(key);
+  if (!json) return std::nullopt;
+  auto values = finite_numbers(*json, count);
+  if (values.empty()) refuse(key, "an array of " + std::to_string(count) + " finite numbers");
+  return values;
+}
+
 std::optional<Pose> ObjectReader::pose(const std::string& key) {
   const Json* json = member(key);
   if (!json) return std::nullopt;
-  const auto values = numbers(*json, 7);
+  const auto values = finite_numbers(*json, 7);
   if (values.empty()) refuse(key, "seven finite numbers [x, y, z, qx, qy, qz, qw]");
   return pose_from_xyz_qxyzw(std::span<const double, 7>(values.data(), 7));
 }
@@ -124,16 +134,9 @@ std::optional<Pose> ObjectReader::pose(const std::string& key) {
 std::optional<Matrix6d> ObjectReader::matrix(const std::string& key) {
   const Json* json = member(key);
   if (!json) return std::nullopt;
-  const auto values = numbers(*json, 21);
+  const auto values = finite_numbers(*json, 21);
   if (values.empty()) refuse(key, "21 finite numbers, the upper triangle by rows");
-  Matrix6d matrix;
-  std::size_t next = 0;
-  for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) {
-      matrix(row, column) = matrix(column, row) = values[next++];
-    }
-  }
-  return matrix;
+  return symmetric_from_upper(values);
 }
 
 const Json* ObjectReader::array(const std::string& key, std::size_t max_size) {
@@ -159,6 +162,27 @@ void ObjectReader::finish() const {
     invalid("Unknown member " + in_quotes(key) + " in " + name_ + "; it can have: " + expected +
             ".");
   }
+}
+
+Matrix6d symmetric_from_upper(std::span<const double> values) {
+  Matrix6d matrix;
+  std::size_t next = 0;
+  for (int row = 0; row < 6; ++row) {
+    for (int column = row; column < 6; ++column) {
+      matrix(row, column) = matrix(column, row) = values[next++];
+    }
+  }
+  return matrix;
+}
+
+std::set<std::string> session_names(const Json& array) {
+  std::set<std::string> names;
+  for (const Json& name : array) {
+    if (!name.is_string()) invalid("Expected 'sessions' to hold text only.");
+    names.insert(name.get<std::string>());
+  }
+  if (names.empty()) invalid("Expected 'sessions' to name at least one session.");
+  return names;
 }
 
 Json to_json(const Pose& pose) { return to_xyz_qxyzw(pose); }
@@ -189,7 +213,10 @@ Json to_json(const Constraint& constraint) {
           {"information", to_json(constraint.information)},
           {"kind", to_string(constraint.kind)},
           {"origin", to_string(constraint.origin)},
-          {"scores", to_json(constraint.scores)}};
+          {"scores", to_json(constraint.scores)},
+          {"weight", constraint.weight},
+          {"pinned", constraint.pinned},
+          {"verdict", to_string(verdict(constraint))}};
 }
 
 Json to_json(const LatticeSpec& lattice) {
@@ -217,7 +244,24 @@ Json to_json(const MapInfo& map) {
           {"voxel_points", map.voxel_points},
           {"voxel_bytes", map.voxel_points * kVoxelPointBytes},
           {"bounds", bounds},
+          {"georeference", map.georeference ? to_json(*map.georeference) : Json()},
           {"sessions", map.sessions}};
+}
+
+Json to_json(const Georeference& georeference) {
+  const Eigen::Quaterniond q(georeference.R_enu_map);
+  return {{"latitude_deg", georeference.latitude_deg},
+          {"longitude_deg", georeference.longitude_deg},
+          {"height_m", georeference.height_m},
+          {"q_enu_map", {q.x(), q.y(), q.z(), q.w()}}};
+}
+
+Json to_json(const GeoPose& geopose) {
+  const Eigen::Quaterniond& q = geopose.q_enu_body;
+  return {
+      {"position",
+       {{"lat", geopose.latitude_deg}, {"lon", geopose.longitude_deg}, {"h", geopose.height_m}}},
+      {"quaternion", {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}}}};
 }
 
 Json to_json(const CellRecord& cell) {

@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "cellmap/core/stamp.hpp"
 #include "cellmap/geometry/lattice.hpp"
@@ -40,6 +41,7 @@ class ObjectReader {
   std::optional<bool> boolean(const std::string& key);
   std::optional<double> number(const std::string& key);
   std::optional<std::uint64_t> integer(const std::string& key, std::uint64_t max);
+  std::optional<std::vector<double>> numbers(const std::string& key, std::size_t count);
   std::optional<Pose> pose(const std::string& key);
   std::optional<Matrix6d> matrix(const std::string& key);
   const Json* array(const std::string& key, std::size_t max_size);
@@ -62,13 +64,21 @@ Json to_json(const RegistrationScores& scores);
 Json to_json(const Constraint& constraint);
 Json to_json(const LatticeSpec& lattice);
 Json to_json(const MapInfo& map);
+Json to_json(const Georeference& georeference);
+Json to_json(const GeoPose& geopose);  ///< OGC GeoPose 1.0, Basic Quaternion
 Json to_json(const CellRecord& cell);
 Json to_json(const PoseGraph& graph);
 Json ids_to_json(const std::set<CellId>& ids);
 Json nodes_to_json(const std::map<CellId, Pose>& poses);
 
+/// Out of the 21 numbers of its upper triangle, by rows.
+Matrix6d symmetric_from_upper(std::span<const double> values);
+
 /// Throws Error{kInvalidArgument} or {kUnsupported}.
 LatticeSpec lattice_from_json(const Json& json);
+
+/// Names out of an array of at least one; throws Error{kInvalidArgument}.
+std::set<std::string> session_names(const Json& array);
 
 /// RFC 3339 in UTC with milliseconds.
 std::string rfc3339(Stamp unix_time);

@@ -166,7 +166,7 @@ TEST_F(MainJob, LoopsAreAddedListedAndTakenBack) {
   const LoopReport added = client.add_loop("town", from.id, to.id, T_from_to);
   ASSERT_EQ(added.loops.size(), 1u);
   EXPECT_EQ(added.loops[0].origin, ConstraintOrigin::kUser);
-  EXPECT_EQ(client.loop("town", added.loops[0].id).to, to.id);
+  EXPECT_EQ(client.loop("town", added.loops[0].id).constraint.to, to.id);
   EXPECT_EQ(
       cellmap_json(*work_, {"loops", "list", "town", "--server", server_->url()})["loops"].size(),
       before + 1);

@@ -76,6 +76,21 @@ LatticeSpec lattice_from(const Json& json) {
           integer<std::uint32_t>(json.at("size"))};
 }
 
+Georeference georeference_from(const Json& json) {
+  const auto q = numbers<4>(json.at("q_enu_map"));
+  const std::array<double, 7> pose = {0, 0, 0, q[0], q[1], q[2], q[3]};
+  return {json.at("latitude_deg").get<double>(), json.at("longitude_deg").get<double>(),
+          json.at("height_m").get<double>(), pose_from_xyz_qxyzw(pose).linear()};
+}
+
+GeoPose geopose_from(const Json& json) {
+  const Json &position = json.at("position"), &q = json.at("quaternion");
+  return {position.at("lat").get<double>(), position.at("lon").get<double>(),
+          position.at("h").get<double>(),
+          Eigen::Quaterniond(q.at("w").get<double>(), q.at("x").get<double>(),
+                             q.at("y").get<double>(), q.at("z").get<double>())};
+}
+
 ConstraintKind kind_from(const std::string& name) {
   for (const auto kind :
        {ConstraintKind::kOdometry, ConstraintKind::kBidirectional, ConstraintKind::kLoop}) {
@@ -208,6 +223,7 @@ Json to_json(const MapInfo& map) {
           {"voxel_points", map.voxel_points},
           {"voxel_bytes", map.voxel_points * kVoxelPointBytes},
           {"bounds", bounds},
+          {"georeference", map.georeference ? to_json(*map.georeference) : Json()},
           {"sessions", map.sessions}};
 }
 
@@ -231,6 +247,9 @@ MapInfo map_info_from_json(const Json& json) {
       map.bounds.extend(vector3_from(bounds.at("max")));
     }
     map.sessions = json.at("sessions").get<std::vector<std::string>>();
+    if (const Json where = json.value("georeference", Json()); !where.is_null()) {
+      map.georeference = georeference_from(where);
+    }
     return map;
   });
 }
@@ -359,7 +378,10 @@ Json to_json(const Constraint& constraint) {
           {"information", to_json(constraint.information)},
           {"kind", to_string(constraint.kind)},
           {"origin", to_string(constraint.origin)},
-          {"scores", to_json(constraint.scores)}};
+          {"scores", to_json(constraint.scores)},
+          {"weight", constraint.weight},
+          {"pinned", constraint.pinned},
+          {"verdict", to_string(verdict(constraint))}};
 }
 
 Constraint constraint_from_json(const Json& json) {
@@ -373,6 +395,8 @@ Constraint constraint_from_json(const Json& json) {
     constraint.kind = kind_from(json.at("kind"));
     constraint.origin = origin_from(json.at("origin"));
     constraint.scores = scores_from_json(json.at("scores"));
+    constraint.weight = number_or(json, "weight", 1);
+    constraint.pinned = json.value("pinned", false);
     return constraint;
   });
 }
@@ -400,6 +424,10 @@ Changes changes_from_json(const Json& json) {
         list_of<Constraint>(json.at("added_constraints"), constraint_from_json);
     changes.removed_constraints =
         list_of<ConstraintId>(json.at("removed_constraints"), id<ConstraintId>);
+    for (const Json& judged : json.value("judged", Json::array())) {
+      changes.judged[id<ConstraintId>(judged.at("id"))] = {judged.at("weight").get<double>(),
+                                                           judged.at("pinned").get<bool>()};
+    }
     return changes;
   });
 }
@@ -410,6 +438,53 @@ RevisionEvent revision_event_from_json(const Json& json) {
   });
 }
 
+Json to_json(const Georeference& georeference) {
+  const Eigen::Quaterniond q(georeference.R_enu_map);
+  return {{"latitude_deg", georeference.latitude_deg},
+          {"longitude_deg", georeference.longitude_deg},
+          {"height_m", georeference.height_m},
+          {"q_enu_map", {q.x(), q.y(), q.z(), q.w()}}};
+}
+
+Json to_json(const GeoPose& geopose) {
+  const Eigen::Quaterniond& q = geopose.q_enu_body;
+  return {
+      {"position",
+       {{"lat", geopose.latitude_deg}, {"lon", geopose.longitude_deg}, {"h", geopose.height_m}}},
+      {"quaternion", {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}}}};
+}
+
+namespace {
+
+void add_evidence(Json& json, const RelocalisationCandidate& candidate) {
+  json["scores"] = to_json(candidate.registration.scores);
+  json["confidence"] = candidate.confidence;
+  json["similarity"] = candidate.similarity;
+  json["dominance"] = candidate.dominance;
+  json["witnesses"] = candidate.witnesses;
+  json["residuals"] = {{"borders_m", ResidualHistogram::kBordersM},
+                       {"points", candidate.residuals.points}};
+}
+
+/// A server of before these had none but the scores.
+void read_evidence(const Json& json, RelocalisationCandidate& candidate) {
+  candidate.registration.scores = scores_from_json(json.at("scores"));
+  candidate.confidence = number_or(json, "confidence", 0);
+  candidate.similarity = number_or(json, "similarity", 0);
+  candidate.dominance = number_or(json, "dominance", 0);
+  if (json.contains("witnesses")) {
+    candidate.witnesses = integer<std::uint32_t>(json.at("witnesses"));
+  }
+  if (json.contains("residuals")) {
+    const Json& points = json.at("residuals").at("points");
+    for (std::size_t i = 0; i < candidate.residuals.points.size(); ++i) {
+      candidate.residuals.points[i] = integer<std::uint32_t>(points.at(i));
+    }
+  }
+}
+
+}  // namespace
+
 Json to_json(const Relocalisation& relocalisation) {
   const RelocalisationAnswer& answer = relocalisation.answer;
   Json json = {{"found", answer.found.has_value()}};
@@ -419,15 +494,17 @@ Json to_json(const Relocalisation& relocalisation) {
     json["cell"] = {{"id", answer.found->cell.value}};
     if (relocalisation.cell_hash) json["cell"]["hash"] = to_hex(*relocalisation.cell_hash);
     json["T_cell_scan"] = to_json(answer.found->T_cell_scan);
-    json["scores"] = to_json(answer.found->registration.scores);
+    if (relocalisation.geopose) json["geopose"] = to_json(*relocalisation.geopose);
+    add_evidence(json, *answer.found);
     json["degenerate"] = answer.found->registration.degeneracy.degenerate;
   }
   json["alternatives"] = Json::array();
   for (const RelocalisationCandidate& other : answer.alternatives) {
-    json["alternatives"].push_back({{"cell", other.cell.value},
-                                    {"T_map_scan", to_json(other.T_map_scan)},
-                                    {"scores", to_json(other.registration.scores)},
-                                    {"accepted", other.accepted}});
+    Json alternative{{"cell", other.cell.value},
+                     {"T_map_scan", to_json(other.T_map_scan)},
+                     {"accepted", other.accepted}};
+    add_evidence(alternative, other);
+    json["alternatives"].push_back(std::move(alternative));
   }
   json["cells_considered"] = answer.cells_considered;
   json["revision"] = relocalisation.revision;
@@ -444,7 +521,7 @@ RelocalisationCandidate found_from(const Json& json) {
   found.T_cell_scan = pose_from_json(json.at("T_cell_scan"));
   found.registration.T_target_source = found.T_cell_scan;
   found.registration.converged = true;
-  found.registration.scores = scores_from_json(json.at("scores"));
+  read_evidence(json, found);
   found.registration.degeneracy.degenerate = json.at("degenerate");
   found.accepted = true;
   return found;
@@ -455,7 +532,7 @@ RelocalisationCandidate alternative_from(const Json& json) {
   const Json& cell = json.at("cell");
   other.cell = id<CellId>(cell.is_object() ? cell.at("id") : cell);
   other.T_map_scan = pose_from_json(json.at("T_map_scan"));
-  other.registration.scores = scores_from_json(json.at("scores"));
+  read_evidence(json, other);
   other.accepted = json.at("accepted");
   return other;
 }
@@ -469,6 +546,7 @@ Relocalisation relocalisation_from_json(const Json& json) {
     if (json.at("found").get<bool>()) {
       answer.found = found_from(json);
       answer.covariance = matrix_from_json(json.at("covariance"));
+      if (json.contains("geopose")) relocalisation.geopose = geopose_from(json.at("geopose"));
       relocalisation.cell_hash = content_hash_from_hex(json.at("cell").at("hash"));
     }
     answer.alternatives =
@@ -482,6 +560,26 @@ Relocalisation relocalisation_from_json(const Json& json) {
 
 Json to_json(const LoopList& list) {
   return {{"revision", list.revision}, {"loops", constraints_to_json(list.loops)}};
+}
+
+Json to_json(const ConstraintReport& report) {
+  Json json = to_json(report.constraint);
+  json["gap_m"] = report.gap_m;
+  json["gap_deg"] = report.gap_deg;
+  json["chi2"] = report.chi2;
+  return json;
+}
+
+ConstraintReport constraint_report_from_json(const Json& json) {
+  return decoded("report on a loop", [&] {
+    ConstraintReport report;
+    report.constraint = constraint_from_json(json);
+    report.verdict = verdict(report.constraint);
+    report.gap_m = json.at("gap_m").get<double>();
+    report.gap_deg = json.at("gap_deg").get<double>();
+    report.chi2 = json.at("chi2").get<double>();
+    return report;
+  });
 }
 
 LoopList loop_list_from_json(const Json& json) {
@@ -525,7 +623,7 @@ Json to_json(const Job& job) {
           {"map", job.map},
           {"kind", job.kind},
           {"state", to_string(job.state)},
-          {"session", job.session},
+          {"session", job.session.empty() ? Json() : Json(job.session)},
           {"scans_done", job.scans_done},
           {"scans_total", job.scans_total},
           {"cells_done", job.cells_done},
@@ -553,7 +651,7 @@ Job job_from_json(const Json& json) {
     job.map = json.at("map");
     job.kind = json.at("kind");
     job.state = job_state_from_string(json.at("state").get<std::string>());
-    job.session = json.at("session");
+    if (!json.at("session").is_null()) job.session = json.at("session");
     job.scans_done = count(json, "scans_done");
     job.scans_total = count_or_zero("scans_total");
     job.cells_done = count(json, "cells_done");

@@ -57,10 +57,14 @@ Json constraints_to_json(const std::vector<Constraint>& constraints);
 Changes changes_from_json(const Json& json);
 RevisionEvent revision_event_from_json(const Json& json);
 
+Json to_json(const Georeference& georeference);
+Json to_json(const GeoPose& geopose);
 Json to_json(const Relocalisation& answer);
 Relocalisation relocalisation_from_json(const Json& json);
 
 Json to_json(const LoopList& list);
+Json to_json(const ConstraintReport& report);
+ConstraintReport constraint_report_from_json(const Json& json);
 LoopList loop_list_from_json(const Json& json);
 Json to_json(const LoopReport& report);
 LoopReport loop_report_from_json(const Json& json);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <set>
@@ -64,6 +65,13 @@ struct PoseGraph {
   /// (pose_graph/frames.hpp).
   std::set<CellId> unaligned;
   std::vector<Constraint> constraints;  ///< in order of id
+  /// The next CELL gets this id or a higher one: those of removed CELLs are not given again.
+  CellId next_cell{1};
+
+  CellId new_cell_id() const {
+    return nodes.empty() ? next_cell
+                         : std::max(next_cell, CellId{nodes.rbegin()->first.value + 1});
+  }
 };
 
 /// Where an optimisation starts.
