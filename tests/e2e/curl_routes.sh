@@ -111,6 +111,13 @@ expect 404 not-found GET /v1/maps/town/loops/4000000; expect 404 not-found DELET
 expect 202 - POST /v1/maps/town/jobs "${json[@]}" -d '{"kind":"ingest","upload":true,"session":"second"}'
 expect 422 corrupt-data PUT /v1/jobs/2/scans/0 -H 'Content-Type: application/vnd.cellmap.scan' -d 'nonsense'
 expect 202 - DELETE /v1/jobs/2
+scans=/v1/maps/town/sessions/third/scans
+expect 200 - GET $scans
+expect 422 corrupt-data POST $scans -H 'Content-Type: application/vnd.cellmap.scans' -d 'nonsense'
+expect 422 corrupt-data POST $scans -H 'Content-Type: application/vnd.cellmap.scan' -H 'Transfer-Encoding: chunked' -d 'nonsense'
+expect 413 too-large POST $scans -H 'Content-Type: application/vnd.cellmap.scans' -H 'Transfer-Encoding: chunked' --data-binary "@$work/huge"
+expect 415 unsupported POST $scans "${json[@]}" -d '{}'
+expect 404 not-found POST $scans:complete; expect 404 not-found GET /v1/maps/atlantis/sessions/third/scans
 
 after=$(curl -sS "$url/v1/maps/town/pose-graph" -H 'Accept: application/json' | sha256sum)
 [[ $before == "$after" ]] || { echo "the wrong inputs changed the map"; failures=$((failures + 1)); }
