@@ -37,6 +37,13 @@ class ApiSessionScans : public ApiTest {
   Json standing(const std::string& target = kScans) { return json_of(get(target)); }
   Json ended() { return ended_job(standing()["job"]); }
 
+  /// Again, on the same store, with a server that soon takes a silent robot for one that rests.
+  void start_impatient() {
+    ApiOptions impatient = options();
+    impatient.jobs.upload.idle_timeout = std::chrono::milliseconds(30);
+    start(impatient);
+  }
+
   void wait_for_cells(int cells) {
     for (int i = 0; i < 1500 && standing()["job"]["cells_done"] < cells; ++i) {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -157,10 +164,9 @@ TEST_F(ApiSessionScans, GoOnAfterARestartAndTheMapIsTheSame) {
 }
 
 TEST_F(ApiSessionScans, ARobotThatRestsFindsItsSessionPausedAndGoesOn) {
-  ApiOptions impatient = options();
-  impatient.jobs.upload.idle_timeout = std::chrono::milliseconds(30);
-  start(impatient);
   send_scans(0, 10, 10);
+  wait_for_cells(1);
+  start_impatient();
   wait_for_job_state("failed");
   EXPECT_EQ(standing()["state"], "paused");
   EXPECT_EQ(standing()["next_scan"], 0);  // the base scan of the CELL that is stored
@@ -173,10 +179,9 @@ TEST_F(ApiSessionScans, ARobotThatRestsFindsItsSessionPausedAndGoesOn) {
 }
 
 TEST_F(ApiSessionScans, AnEndCanBeSaidOfADriveThatRests) {
-  ApiOptions impatient = options();
-  impatient.jobs.upload.idle_timeout = std::chrono::milliseconds(30);
-  start(impatient);
   send_scans(0, 10, 10);
+  wait_for_cells(1);
+  start_impatient();
   wait_for_job_state("failed");
   EXPECT_EQ(complete().status, 202);
   EXPECT_EQ(ended()["state"], "succeeded");
@@ -185,14 +190,12 @@ TEST_F(ApiSessionScans, AnEndCanBeSaidOfADriveThatRests) {
 }
 
 TEST_F(ApiSessionScans, TheOptionsOfThePostedJobHoldAlsoAfterItWasGoneOnWith) {
-  ApiOptions impatient = options();
-  impatient.jobs.upload.idle_timeout = std::chrono::milliseconds(30);
-  start(impatient);
   const std::string job =
       R"({"kind":"ingest","session":"drive","upload":true,"options":{"cell_distance_m":3}})";
   const Json id = json_of(post("/v1/maps/town/jobs", job))["id"];
   const Json sent = json_of(post_scans(0, 6));
   EXPECT_EQ(sent["job"]["id"], id);
+  start_impatient();
   wait_for_job_state("failed");
   start();
   send_scans(0, 13, 13);

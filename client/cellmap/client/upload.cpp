@@ -3,6 +3,7 @@
 #include <optional>
 #include <span>
 #include <thread>
+#include <type_traits>
 #include <vector>
 
 #include "cellmap/codec/cell_codec.hpp"
@@ -163,7 +164,7 @@ class Sender {
 
   /// Asks again while the server cannot be reached.
   template <typename Call>
-  auto patiently(const Call& call) {
+  std::invoke_result_t<Call> patiently(const Call& call) {
     const Patience patience(options_.lost_patience);
     for (;;) {
       try {
