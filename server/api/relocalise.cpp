@@ -9,6 +9,7 @@
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/api.hpp"
 #include "server/api/text.hpp"
+#include "server/api/turn.hpp"
 
 // POST /v1/maps/{map}/relocalise.
 
@@ -70,22 +71,6 @@ std::optional<PosePrior> read_prior(const Call& call) {
   if (yaw_range_deg) prior.yaw_range_rad = *yaw_range_deg * std::numbers::pi / 180;
   return prior;
 }
-
-/// One of the few relocalisations that may run at a time.
-class Turn {
- public:
-  explicit Turn(Services& services) : turns_(services.relocalisations) {
-    if (!turns_.try_acquire_for(services.options.relocalisation_wait)) {
-      throw Error(ErrorCode::kUnavailable, "Too many relocalisations at a time; try again.");
-    }
-  }
-  ~Turn() { turns_.release(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
-
- private:
-  std::counting_semaphore<>& turns_;
-};
 
 Json cell_name(const Services& services, const std::string& map, CellId id) {
   return {{"id", id.value}, {"hash", to_hex(services.store.cell(map, id).hash)}};

@@ -93,6 +93,9 @@ session=$(curl -sS "$url/v1/maps/town" | python3 -c 'import json, sys; print(jso
 expect 200 - GET "/v1/maps/town/trajectory?session=$session&format=tum"
 expect 400 invalid-argument GET "/v1/maps/town/trajectory?session=$session&format=gpx"
 
+expect 400 invalid-argument GET "/v1/maps/town/diff?sessions=$session,$session"
+expect 404 not-found GET "/v1/maps/town/diff?sessions=$session,atlantis"
+
 expect 200 - POST /v1/maps/town/relocalise "${scan[@]}" --data-binary "@$work/drive/velodyne/000003.bin"
 expect 200 - POST '/v1/maps/town/relocalise?prior=0,0,0,0,0,0,1&radius=20' "${scan[@]}" --data-binary "@$work/drive/velodyne/000003.bin"
 head -c 1001 "$work/drive/velodyne/000003.bin" >"$work/malformed.bin"
