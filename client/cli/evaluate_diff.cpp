@@ -16,10 +16,10 @@ struct Options {
 };
 
 struct Scenario {
-  std::string name;
+  const char* name;
   double lateral_offset_m;
 };
-const std::vector<Scenario> kScenarios = {{"same_lane", 0}, {"other_lane", 3.5}};
+constexpr Scenario kScenarios[] = {{"same_lane", 0}, {"other_lane", 3.5}};
 
 double share(std::size_t part, std::size_t whole) {
   return whole == 0 ? 0 : static_cast<double>(part) / static_cast<double>(whole);
@@ -113,7 +113,7 @@ void run(const Options& options, const Console& console) {
         {"pair_ms", scored.diff_ms / static_cast<double>(std::max<std::size_t>(1, scored.pairs))},
         {"vanished", to_json(scored.vanished)},
         {"appeared", to_json(scored.appeared)}};
-    text += format("%s: %zu CELLs, %zu pairs, %zu regions, %.1f ms a pair\n", scenario.name.c_str(),
+    text += format("%s: %zu CELLs, %zu pairs, %zu regions, %.1f ms a pair\n", scenario.name,
                    scored.cells, scored.pairs, scored.regions,
                    scored.diff_ms / static_cast<double>(std::max<std::size_t>(1, scored.pairs))) +
             text_of("vanished", scored.vanished) + text_of("appeared", scored.appeared);

@@ -7,6 +7,7 @@
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
 
 namespace cellmap::cli {
@@ -112,7 +113,7 @@ void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_
       ->check(CLI::Range(0.1, 86'400.0));
 }
 
-Client connect(const Place& place) {
+ClientOptions client_options_of(const Place& place) {
   if (place.server.empty()) {
     throw Error(ErrorCode::kInvalidArgument,
                 "no server was named; give --server http://HOST:PORT or set CELLMAP_SERVER");
@@ -122,8 +123,10 @@ Client connect(const Place& place) {
   options.cache_directory = place.cache;
   options.read_timeout = std::chrono::milliseconds(static_cast<long>(place.timeout_s * 1000));
   options.user_agent = "cellmap/" CELLMAP_VERSION;
-  return Client(std::move(options));
+  return options;
 }
+
+Client connect(const Place& place) { return Client(client_options_of(place)); }
 
 std::unique_ptr<Store> open_existing_store(const std::string& file) {
   if (!std::filesystem::exists(file)) {

@@ -9,8 +9,8 @@
 
 namespace cellmap::cli {
 
-Relocalisation relocalise_offline(MapReader& reader, const std::string& map, const PointCloud& scan,
-                                  const std::optional<PosePrior>& prior, int threads) {
+Relocalisation relocalise_offline(MapReader& reader, const std::string& map,
+                                  const RelocalisationQuery& query, int threads) {
   const auto begun = std::chrono::steady_clock::now();
   const MapInfo info = reader.map(map);
   const auto lattice = std::make_shared<const Lattice>(info.lattice);
@@ -30,9 +30,8 @@ Relocalisation relocalise_offline(MapReader& reader, const std::string& map, con
   };
   RelocaliseOptions options;
   options.threads = threads;
-  const Scan clean = filter_scan(scan, 0, {});
   Relocalisation result;
-  result.answer = index.relocalise(clean.points, graph, targets, prior, options);
+  result.answer = index.relocalise(query, graph, targets, options);
   if (const auto& found = result.answer.found) {
     result.cell_hash = records.at(found->cell).hash;
     if (info.georeference) result.geopose = to_geopose(*info.georeference, found->T_map_scan);

@@ -13,7 +13,7 @@ namespace cellmap::cli {
 /// Two drives along one route on two days: the same town, other cars, other noise.
 struct TwoDays {
   std::string route = "town";    ///< as SimulatorOptions::route
-  double length_m = 400;         ///< of it; 0: all
+  double length_m = 200;         ///< of it; 0: all
   std::string lidar = "hdl64e";  ///< of both
   std::uint32_t lattice_size = 50'000;
   double lateral_offset_m = 0;  ///< of the second drive

@@ -82,7 +82,7 @@ Response changes(Services& services, const Call& call) {
   response.headers.set("Cache-Control", "no-store");
   response.headers.set("Vary", "Accept");
   // Read after the changes: a map that was made anew meanwhile is never taken for the old one.
-  response.headers.set("CELLmap-Created", rfc3339(services.store.version(map).created));
+  response.headers.set("CELLmap-Created", to_rfc3339(services.store.version(map).created));
   if (*type == kChangesType) {
     const auto bytes = std::make_shared<const Bytes>(encode_changes(changes));
     response.body = SharedBytes{bytes, 0, bytes->size()};
@@ -133,7 +133,8 @@ class RevisionEvents {
     last_told_ = Clock::now();
     chunk +=
         "event: revision\nid: " + std::to_string(seen_.revision) + "\ndata: " +
-        dump({{"map", map_}, {"revision", seen_.revision}, {"created", rfc3339(seen_.created)}}) +
+        dump(
+            {{"map", map_}, {"revision", seen_.revision}, {"created", to_rfc3339(seen_.created)}}) +
         "\n\n";
   }
   bool end(std::string& chunk, const char* reason) const {

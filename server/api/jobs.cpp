@@ -46,8 +46,8 @@ Json to_json(const JobView& job) {
           {"eta_s", number_or_null(job.eta_s)},
           {"next_scan", number_or_null(job.next_scan)},
           {"error", error},
-          {"created", rfc3339(record.created)},
-          {"updated", rfc3339(std::max(record.updated, record.created))}};
+          {"created", to_rfc3339(record.created)},
+          {"updated", to_rfc3339(std::max(record.updated, record.created))}};
 }
 
 JobId job_id(const Call& call) { return JobId{call.path_id("job")}; }

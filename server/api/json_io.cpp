@@ -1,13 +1,9 @@
 #include "server/api/json_io.hpp"
 
-#include <array>
 #include <cmath>
-#include <cstdio>
-#include <ctime>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/pose_graph/edit.hpp"
 #include "server/api/text.hpp"
 
 namespace cellmap::server {
@@ -18,8 +14,6 @@ constexpr int kMaxDepth = 16;
 [[noreturn]] void invalid(const std::string& message) {
   throw Error(ErrorCode::kInvalidArgument, message);
 }
-
-Json vector_to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
 std::vector<double> finite_numbers(const Json& json, std::size_t count) {
   std::vector<double> values;
@@ -185,94 +179,6 @@ std::set<std::string> session_names(const Json& array) {
   return names;
 }
 
-Json to_json(const Pose& pose) { return to_xyz_qxyzw(pose); }
-
-Json to_json(const Matrix6d& symmetric) {
-  Json json = Json::array();
-  for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) json.push_back(symmetric(row, column));
-  }
-  return json;
-}
-
-Json to_json(const RegistrationScores& scores) {
-  return {{"points", scores.points},
-          {"hits", scores.hits},
-          {"inlier_ratio_all", scores.inlier_ratio_all},
-          {"inlier_ratio_hit", scores.inlier_ratio_hit},
-          {"share_in_front", scores.share_in_front},
-          {"share_beyond", scores.share_beyond},
-          {"median_residual_m", scores.median_residual_m}};
-}
-
-Json to_json(const Constraint& constraint) {
-  return {{"id", constraint.id.value},
-          {"from", constraint.from.value},
-          {"to", constraint.to.value},
-          {"pose", to_json(constraint.T_from_to)},
-          {"information", to_json(constraint.information)},
-          {"kind", to_string(constraint.kind)},
-          {"origin", to_string(constraint.origin)},
-          {"scores", to_json(constraint.scores)},
-          {"weight", constraint.weight},
-          {"pinned", constraint.pinned},
-          {"verdict", to_string(verdict(constraint))}};
-}
-
-Json to_json(const LatticeSpec& lattice) {
-  return {{"kind", to_string(lattice.kind)}, {"size", lattice.size}};
-}
-
-Json to_json(const MapInfo& map) {
-  Json bounds;
-  if (!map.bounds.isEmpty()) {
-    bounds = {{"min", vector_to_json(map.bounds.min())}, {"max", vector_to_json(map.bounds.max())}};
-  }
-  constexpr std::uint64_t kRawPointBytes = 16, kVoxelPointBytes = 12;
-  return {{"name", map.name},
-          {"lattice", to_json(map.lattice)},
-          {"revision", map.revision},
-          {"created", rfc3339(map.created)},
-          {"cells", map.cells},
-          {"planes", map.planes},
-          {"constraints", map.constraints},
-          {"encoded_bytes", map.encoded_bytes},
-          {"stored_bytes", map.stored_bytes},
-          {"scans", map.scans},
-          {"raw_points", map.raw_points},
-          {"raw_bytes", map.raw_points * kRawPointBytes},
-          {"voxel_points", map.voxel_points},
-          {"voxel_bytes", map.voxel_points * kVoxelPointBytes},
-          {"bounds", bounds},
-          {"georeference", map.georeference ? to_json(*map.georeference) : Json()},
-          {"sessions", map.sessions}};
-}
-
-Json to_json(const Georeference& georeference) {
-  const Eigen::Quaterniond q(georeference.R_enu_map);
-  return {{"latitude_deg", georeference.latitude_deg},
-          {"longitude_deg", georeference.longitude_deg},
-          {"height_m", georeference.height_m},
-          {"q_enu_map", {q.x(), q.y(), q.z(), q.w()}}};
-}
-
-Json to_json(const GeoPose& geopose) {
-  const Eigen::Quaterniond& q = geopose.q_enu_body;
-  return {
-      {"position",
-       {{"lat", geopose.latitude_deg}, {"lon", geopose.longitude_deg}, {"h", geopose.height_m}}},
-      {"quaternion", {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}}}};
-}
-
-Json to_json(const CellRecord& cell) {
-  const std::string hash = to_hex(cell.hash);
-  return {
-      {"id", cell.id.value},        {"etag", '"' + hash + '"'},  {"hash", hash},
-      {"added", cell.added},        {"moved", cell.moved},       {"pose", to_json(cell.T_map_cell)},
-      {"session", cell.session},    {"sequence", cell.sequence}, {"planes", cell.planes},
-      {"bytes", cell.encoded_bytes}};
-}
-
 Json nodes_to_json(const std::map<CellId, Pose>& poses) {
   Json json = Json::array();
   for (const auto& [id, pose] : poses) {
@@ -306,18 +212,6 @@ LatticeSpec lattice_from_json(const Json& json) {
   reader.finish();
   spec.validate();
   return spec;
-}
-
-std::string rfc3339(Stamp unix_time) {
-  constexpr Stamp kSecond = 1'000'000'000;
-  const std::time_t seconds = unix_time / kSecond;
-  std::tm parts{};
-  gmtime_r(&seconds, &parts);
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%04d-%02d-%02dT%02d:%02d:%02d.%03dZ",
-                parts.tm_year + 1900, parts.tm_mon + 1, parts.tm_mday, parts.tm_hour, parts.tm_min,
-                parts.tm_sec, static_cast<int>(unix_time % kSecond / 1'000'000));
-  return text.data();
 }
 
 }  // namespace cellmap::server

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "cellmap/core/stamp.hpp"
+#include "cellmap/document/json.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/geometry/pose.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
@@ -20,7 +21,9 @@
 
 namespace cellmap::server {
 
-using Json = nlohmann::ordered_json;
+using document::Json;
+using document::to_json;
+using document::to_rfc3339;
 
 /// Reads a JSON text from outside: at most 16 levels deep, no duplicate keys. Throws
 /// Error{kInvalidArgument}. The size was bounded when it was read.
@@ -58,15 +61,6 @@ class ObjectReader {
   std::set<std::string> known_;
 };
 
-Json to_json(const Pose& pose);
-Json to_json(const Matrix6d& symmetric);  ///< upper triangle by rows
-Json to_json(const RegistrationScores& scores);
-Json to_json(const Constraint& constraint);
-Json to_json(const LatticeSpec& lattice);
-Json to_json(const MapInfo& map);
-Json to_json(const Georeference& georeference);
-Json to_json(const GeoPose& geopose);  ///< OGC GeoPose 1.0, Basic Quaternion
-Json to_json(const CellRecord& cell);
 Json to_json(const PoseGraph& graph);
 Json ids_to_json(const std::set<CellId>& ids);
 Json nodes_to_json(const std::map<CellId, Pose>& poses);
@@ -79,8 +73,5 @@ LatticeSpec lattice_from_json(const Json& json);
 
 /// Names out of an array of at least one; throws Error{kInvalidArgument}.
 std::set<std::string> session_names(const Json& array);
-
-/// RFC 3339 in UTC with milliseconds.
-std::string rfc3339(Stamp unix_time);
 
 }  // namespace cellmap::server

@@ -180,11 +180,7 @@ void check_loop(const PoseGraph& graph, ConstraintId id) {
 /// A loop, what became of it and how it stands at the poses of now.
 Json explanation(const PoseGraph& graph, ConstraintId id) {
   check_loop(graph, id);
-  const ConstraintReport report = explain(graph, id);
-  Json json = to_json(report.constraint);
-  json["gap_m"] = report.gap_m;
-  json["gap_deg"] = report.gap_deg;
-  json["chi2"] = report.chi2;
+  Json json = to_json(explain(graph, id));
   json["revision"] = graph.revision;
   return json;
 }

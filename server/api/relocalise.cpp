@@ -9,6 +9,7 @@
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/api.hpp"
 #include "server/api/text.hpp"
+#include "server/api/turn.hpp"
 
 // POST /v1/maps/{map}/relocalise.
 
@@ -71,38 +72,8 @@ std::optional<PosePrior> read_prior(const Call& call) {
   return prior;
 }
 
-/// One of the few relocalisations that may run at a time.
-class Turn {
- public:
-  explicit Turn(Services& services) : turns_(services.relocalisations) {
-    if (!turns_.try_acquire_for(services.options.relocalisation_wait)) {
-      throw Error(ErrorCode::kUnavailable, "Too many relocalisations at a time; try again.");
-    }
-  }
-  ~Turn() { turns_.release(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
-
- private:
-  std::counting_semaphore<>& turns_;
-};
-
 Json cell_name(const Services& services, const std::string& map, CellId id) {
   return {{"id", id.value}, {"hash", to_hex(services.store.cell(map, id).hash)}};
-}
-
-Json histogram_to_json(const ResidualHistogram& histogram) {
-  return {{"borders_m", histogram.kBordersM}, {"points", histogram.points}};
-}
-
-/// What speaks for a place and against it.
-void add_evidence(Json& json, const RelocalisationCandidate& candidate) {
-  json["scores"] = to_json(candidate.registration.scores);
-  json["confidence"] = candidate.confidence;
-  json["similarity"] = candidate.similarity;
-  json["dominance"] = candidate.dominance;
-  json["witnesses"] = candidate.witnesses;
-  json["residuals"] = histogram_to_json(candidate.residuals);
 }
 
 Json to_document(const Services& services, const std::string& map,
@@ -116,7 +87,7 @@ Json to_document(const Services& services, const std::string& map,
     if (const auto georeference = services.store.map(map).georeference) {
       json["geopose"] = to_json(to_geopose(*georeference, found->T_map_scan));
     }
-    add_evidence(json, *found);
+    document::add_evidence(json, *found);
     json["degenerate"] = found->registration.degeneracy.degenerate;
   }
   json["alternatives"] = Json::array();
@@ -124,7 +95,7 @@ Json to_document(const Services& services, const std::string& map,
     Json alternative{{"cell", cell_name(services, map, other.cell)},
                      {"T_map_scan", to_json(other.T_map_scan)},
                      {"accepted", other.accepted}};
-    add_evidence(alternative, other);
+    document::add_evidence(alternative, other);
     json["alternatives"].push_back(std::move(alternative));
   }
   json["cells_considered"] = answer.cells_considered;

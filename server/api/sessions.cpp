@@ -21,7 +21,7 @@ constexpr std::size_t kMaxHashesBody = 1u << 20;
 /// The last CELL tells where the odometry frame lies.
 Json document(Services& services, const std::string& map, const SessionInfo& session) {
   Json started, last_cell, T_map_odom;
-  if (session.started > 0) started = rfc3339(session.started);
+  if (session.started > 0) started = to_rfc3339(session.started);
   if (const auto last = services.store.last_cell(map, session.name)) {
     last_cell = last->id.value;
     if (session.aligned) {

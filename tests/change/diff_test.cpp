@@ -6,24 +6,18 @@
 #include <algorithm>
 #include <map>
 
-#include "cellmap/cell/build_cell.hpp"
 #include "cellmap/core/error.hpp"
-#include "support/box_scene.hpp"
+#include "support/two_days.hpp"
 
 namespace cellmap {
 namespace {
 
 using test::BoxScene;
+using test::is_on;
 using test::level_pose;
+using test::street_with;
 
-/// A car beside the lane of `test::street`, 1.5 m high.
-const BoxScene::Box kCar{{8, 2.6, -1.7}, {12.2, 4.4, -0.2}};
-
-BoxScene street_with(const std::vector<BoxScene::Box>& things) {
-  BoxScene scene = test::street();
-  for (const auto& [min, max] : things) scene.add(min, max);
-  return scene;
-}
+const BoxScene::Box& kCar = test::kParkedCar;
 
 /// CELLs seen on two days, and the scene of each.
 class TwoDays {
@@ -32,13 +26,10 @@ class TwoDays {
 
   void see(std::vector<PlacedCell>& day, const BoxScene& scene, const Pose& T_world_cell,
            const Pose& pose_error = Pose::Identity()) {
-    BoxScene::Sensor sensor;
-    sensor.noise_m = 0.02;
-    sensor.seed = static_cast<unsigned>(targets_.size() + 1);
-    const LocalMap local_map(filter_scan(scene.scan(T_world_cell, sensor), 0, {}), T_world_cell, 0);
     const CellId id{static_cast<std::uint32_t>(targets_.size() + 1)};
-    targets_[id] = std::make_shared<const RegistrationTarget>(
-        std::make_shared<const Cell>(build_cell(local_map, *lattice_, {})), lattice_);
+    const Cell cell = test::cell_seen(scene, T_world_cell, *lattice_, id.value);
+    targets_[id] =
+        std::make_shared<const RegistrationTarget>(std::make_shared<const Cell>(cell), lattice_);
     truth_[id] = T_world_cell;
     day.push_back({id, T_world_cell * pose_error});
   }
@@ -69,11 +60,6 @@ class TwoDays {
   std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets_;
   std::map<CellId, Pose> truth_;
 };
-
-/// Inside of a box grown by `margin_m`.
-bool is_on(const BoxScene::Box& box, const Eigen::Vector3d& p, double margin_m) {
-  return ((p - box.min).array() > -margin_m).all() && ((box.max - p).array() > -margin_m).all();
-}
 
 std::size_t count_on(const BoxScene::Box& box, const std::vector<Eigen::Vector3d>& patches) {
   return static_cast<std::size_t>(

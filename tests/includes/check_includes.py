@@ -25,13 +25,14 @@ ROOMS = {
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
     "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
+    "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "store"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store"],
+               "change", "pipeline", "codec", "store", "document"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "evaluation", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "document", "evaluation", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it
@@ -47,7 +48,7 @@ VENDORS = {
     r"embree3/": ["simulation"],
     r"GeographicLib/": ["map"],
     r"httplib\.h": ["server", "client"],
-    r"nlohmann/": ["codec", "server", "client", "evaluation"],
+    r"nlohmann/": ["codec", "document", "server", "client", "evaluation"],
     r"CLI/": ["server", "client"],
     r"spdlog/": ["server", "client"],
     r"prometheus/": ["server"],

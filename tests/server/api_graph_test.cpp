@@ -1,4 +1,5 @@
 #include "cellmap/codec/pose_graph_codec.hpp"
+#include "cellmap/codec/zstd.hpp"
 #include "server/server_fixture.hpp"
 
 namespace cellmap::server::test {
@@ -36,6 +37,16 @@ TEST_F(ApiGraph, BothFormsOfThePoseGraphAgree) {
   ASSERT_EQ(graph.nodes.size(), json["nodes"].size());
   ASSERT_EQ(graph.constraints.size(), json["constraints"].size());
   EXPECT_EQ(graph.nodes.at({2}).translation().x(), json["nodes"][1]["pose"][0].get<double>());
+}
+
+TEST_F(ApiGraph, ThePoseGraphIsCompressedForWhoAccepts) {
+  ASSERT_EQ(add_loop(1, 2, 6.5).status, 201);
+  const auto plain = get(kGraph), packed = get(kGraph, {{"Accept-Encoding", "zstd"}});
+  EXPECT_EQ(packed.headers.get("Content-Encoding"), "zstd");
+  EXPECT_EQ(to_text(zstd_decompress(as_bytes(body_view(packed)), 1 << 20)), body_view(plain));
+  EXPECT_NE(packed.headers.get("ETag"), plain.headers.get("ETag"));
+  EXPECT_EQ(packed.headers.get("Vary"), "Accept, Accept-Encoding");
+  EXPECT_EQ(get(kGraph, {{"If-None-Match", *packed.headers.get("ETag")}}).status, 304);
 }
 
 TEST_F(ApiGraph, AnEarlierRevisionIsServedAsItWas) {

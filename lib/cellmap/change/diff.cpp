@@ -51,8 +51,10 @@ struct Comparison {
 Pose registered(const Comparison& c, const DiffOptions& options) {
   RegistrationOptions registration = default_place_registration();
   registration.judge = false;
+  constexpr std::size_t kPoints = 4'000;
   const auto points = [](const Target& target) {
-    return reconstruct_points(target->cell(), target->lattice());
+    const PointCloud all = reconstruct_points(target->cell(), target->lattice());
+    return every_nth(all, all.size() / kPoints + 1);
   };
   const Pose& given = c.T_earlier_later;
   const RegistrationResult result =

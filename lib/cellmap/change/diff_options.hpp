@@ -19,8 +19,9 @@ struct DiffOptions {
   /// 0.7 m wide there.
   double max_range_m = 40.0;
 
-  /// Stayed: the other CELL has a surface within this of the patch, along its normal and facing the
-  /// same way within `same_facing_deg`, or at the patch's range.
+  /// Stayed: in the patch's direction the other CELL has a plane within this of it, along the
+  /// normal and facing the same way within `same_facing_deg`; or there or in a direction beside it
+  /// something at the patch's range, within this.
   double stayed_distance_m = 0.2;
   double same_facing_deg = 60.0;
 
@@ -33,7 +34,7 @@ struct DiffOptions {
   double clear_distance_m = 0.25;
   /// Of the patch's direction and the six around it, one patch apart, so many must be looked
   /// through, the middle one among them, and none may be hidden by something nearer.
-  std::size_t clear_directions = 5;
+  std::size_t clear_directions = 4;
   /// A patch that either CELL meets at a smaller angle is not called changed.
   double min_angle_deg = 12.0;
   /// Nor one with fewer than this many of the six patches around it on a surface with it: leaves,
@@ -42,7 +43,7 @@ struct DiffOptions {
   /// CELLs that must have looked through it, where no CELL confirms it.
   std::size_t least_views = 1;
   /// Changed patches stand together: so many of the six around it must be changed too.
-  std::size_t least_changed = 2;
+  std::size_t least_changed = 1;
 
   /// Whether pairs of CELLs are registered before they are compared, and the largest correction
   /// that is believed; beyond it the poses of the map stand.

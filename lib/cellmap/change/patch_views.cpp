@@ -89,7 +89,7 @@ class Judge {
     for (std::size_t k = 0; k < kDirections; ++k) {
       const auto seen = around.at(i, k);
       if (!seen.plane) continue;
-      if (confirms(seen, at, normal, range)) return PatchView::kConfirmed;
+      if (confirms(seen, at, normal, range, k == 0)) return PatchView::kConfirmed;
       hidden |= seen.plane->distance_m < range - margin(range);
       if (!looks_through(seen, range)) continue;
       ++through;
@@ -108,10 +108,11 @@ class Judge {
   }
 
   bool confirms(const Seen& seen, const Eigen::Vector3f& at, const Eigen::Vector3f& normal,
-                float range) const {
+                float range, bool is_middle) const {
     const auto near = static_cast<float>(options_.stayed_distance_m);
     const float beyond = std::abs(seen.plane->distance_m - range);
     if (beyond <= near) return true;
+    if (!is_middle) return false;
     // The other CELL's plane goes on for about a patch: far along the ray where it is grazed.
     const float cosine = std::max(1e-3f, std::abs(seen.normal.dot(seen.direction)));
     const float stretch =

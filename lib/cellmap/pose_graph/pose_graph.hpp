@@ -69,8 +69,7 @@ struct PoseGraph {
   CellId next_cell{1};
 
   CellId new_cell_id() const {
-    return nodes.empty() ? next_cell
-                         : std::max(next_cell, CellId{nodes.rbegin()->first.value + 1});
+    return nodes.empty() ? next_cell : std::max(next_cell, CellId{nodes.rbegin()->first.value + 1});
   }
 };
 
@@ -98,7 +97,7 @@ struct PoseGraphOptions {
   /// full.
   double loop_loss_scale = 4.0;
   /// A session that only loops tie to the others is placed by the loops that agree with one
-  /// another (`islands.hpp`); fewer than this many leave it where it is.
+  /// another (`chains.hpp`); fewer than this many leave it where it is.
   std::size_t least_joining_loops = 1;
   /// 0: all. The poses do not depend on it; at present one is used, because nine tenths of the time
   /// are a factorisation that has one thread.
