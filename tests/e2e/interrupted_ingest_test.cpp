@@ -38,8 +38,8 @@ class InterruptedIngest : public testing::TestWithParam<bool> {
   /// Hash and pose of each CELL.
   static nlohmann::json content(const std::string& map) {
     nlohmann::json content;
-    for (const auto& cell :
-         cellmap_json(*work_, {"cells", map, "--server", server_->url()})["cells"]) {
+    const auto page = cellmap_json(*work_, {"cells", map, "--server", server_->url()});
+    for (const auto& cell : page["cells"]) {
       content.push_back({cell["sequence"], cell["hash"], cell["pose"]});
     }
     return content;
