@@ -17,9 +17,9 @@ enum class CellEncoding : std::uint8_t {
 constexpr double kDefaultCompactBoundM = 0.02;
 constexpr double kMinCompactBoundM = 0.001, kMaxCompactBoundM = 1.0;
 
-/// The CELL without loss, in about half the bytes. `bytes` are a coded CELL (schema/coded_cell.fbs,
-/// identifier "CCOD", FORMAT.md), `hash` its content hash. Deterministic, as `encode_cell`, and
-/// throws the same. About 2 ms for 5,800 planes.
+/// The CELL without loss, in little more than half the bytes. `bytes` are a coded CELL
+/// (schema/coded_cell.fbs, identifier "CCOD", FORMAT.md), `hash` its content hash. Deterministic,
+/// as `encode_cell`, and throws the same. About 2 ms for 5,800 planes.
 EncodedCell encode_packed_cell(const Cell& cell);
 
 /// The CELL with a guarantee: no point of a plane within its patch (the disc of

@@ -115,7 +115,7 @@ class RangeDecoder {
 };
 
 /// Models of an integer that is most often small: zero or not, the sign as it comes, the number of
-/// binary digits in unary, the second digit; the other digits as they come. 25 bits of models.
+/// binary digits in unary, the second digit; the other digits as they come..
 struct IntegerModel {
   static constexpr int kDigits = 10;  ///< integers of more digits share models
   BitModel is_zero;
