@@ -61,7 +61,8 @@ class ApiSessionScans : public ApiTest {
   Json content(const std::string& map) {
     Json json = json_of(get("/v1/maps/" + map + "/pose-graph", {{"Accept", "application/json"}}));
     json.erase("revision");
-    for (const auto& cell : json_of(get("/v1/maps/" + map + "/cells"))["cells"]) {
+    const Json page = json_of(get("/v1/maps/" + map + "/cells"));
+    for (const auto& cell : page["cells"]) {
       json["hashes"].push_back(cell["hash"]);
     }
     return json;
