@@ -10,8 +10,8 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/core/parallel.hpp"
 #include "cellmap/place/polar_image.hpp"
-#include "cellmap/pose_graph/information.hpp"
 #include "cellmap/pose_graph/frames.hpp"
+#include "cellmap/pose_graph/information.hpp"
 
 namespace cellmap {
 namespace {
