@@ -7,6 +7,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
+#include "client/cli/diff.hpp"
 #include "client/cli/exit_code.hpp"
 
 namespace cellmap::cli {
@@ -35,6 +36,8 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_pull(app, verbs);
   add_loops(app, verbs);
   add_sessions(app, verbs);
+  add_diff(app, verbs);
+  add_merge(app, verbs);
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);

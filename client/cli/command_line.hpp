@@ -44,6 +44,7 @@ void add_fetch(CLI::App& app, Verbs& verbs);
 void add_pull(CLI::App& app, Verbs& verbs);
 void add_loops(CLI::App& app, Verbs& verbs);
 void add_sessions(CLI::App& app, Verbs& verbs);
+void add_merge(CLI::App& app, Verbs& verbs);  // merge, split
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);

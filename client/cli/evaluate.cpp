@@ -63,6 +63,7 @@ void add_evaluate(CLI::App& app, Verbs& verbs) {
   verb->add_option("--estimate", options->estimate, "KITTI or TUM file")->required();
   verb->add_option("--truth", options->truth, "KITTI or TUM file")->required();
   add_evaluate_relocalisation(*group, verbs);
+  add_evaluate_diff(*group, verbs);
 }
 
 }  // namespace cellmap::cli

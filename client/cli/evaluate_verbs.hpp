@@ -7,4 +7,7 @@ namespace cellmap::cli {
 /// `evaluate relocalisation`, declared under `evaluate`.
 void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs);
 
+/// `evaluate diff`, the same.
+void add_evaluate_diff(CLI::App& group, Verbs& verbs);
+
 }  // namespace cellmap::cli

@@ -21,11 +21,11 @@ struct Options {
 std::string loop_line(const Constraint& loop) {
   const auto t = loop.T_from_to.translation();
   return format(
-      "loop %-5u %u -> %u  (%.2f %.2f %.2f) m, %.2f deg  %s, inliers %.2f, residual %.3f m\n",
+      "loop %-5u %u -> %u  (%.2f %.2f %.2f) m, %.2f deg  %s, inliers %.2f, residual %.3f m  %s\n",
       loop.id.value, loop.from.value, loop.to.value, t.x(), t.y(), t.z(),
       angle_between_rad(Pose::Identity(), loop.T_from_to) * 180 / std::numbers::pi,
       std::string(to_string(loop.origin)).c_str(), loop.scores.inlier_ratio_hit,
-      loop.scores.median_residual_m);
+      loop.scores.median_residual_m, std::string(to_string(verdict(loop))).c_str());
 }
 
 void list(const Options& options, const Console& console) {
@@ -33,6 +33,25 @@ void list(const Options& options, const Console& console) {
   std::string text;
   for (const Constraint& loop : loops.loops) text += loop_line(loop);
   console.print(client::to_json(loops), text.empty() ? "No loops.\n" : text);
+}
+
+void show(const Options& options, const Console& console) {
+  const ConstraintReport report =
+      open_reader(options.place)->loop(options.map, ConstraintId{options.loop});
+  const RegistrationScores& scores = report.constraint.scores;
+  std::string text = loop_line(report.constraint);
+  text += format("  weight        %.3f (%s)\n", report.constraint.weight,
+                 std::string(to_string(report.verdict)).c_str());
+  text += format("  gap           %.3f m, %.3f deg between the measured and the present pose\n",
+                 report.gap_m, report.gap_deg);
+  text +=
+      format("  chi-square    %.2f (of a true loop below 16.8 in 99 of 100 cases)\n", report.chi2);
+  text += format(
+      "  registration  %u of %u points met a plane, %.1f %% of them agree; %.1f %% lie in "
+      "front, %.1f %% beyond\n",
+      scores.hits, scores.points, 100 * scores.inlier_ratio_hit, 100 * scores.share_in_front,
+      100 * scores.share_beyond);
+  console.print(client::to_json(report), text);
 }
 
 void print(const LoopReport& report, const Console& console, const std::string& headline) {
@@ -71,6 +90,16 @@ void detect(const Options& options, const Console& console) {
   print(report, console, report.loops.empty() ? "No loop found; nothing changed.\n" : "Found:\n");
 }
 
+void pin(const Options& options, const Console& console) {
+  print(connect(options.place).pin_loop(options.map, ConstraintId{options.loop}, true), console,
+        "Pinned:\n");
+}
+
+void unpin(const Options& options, const Console& console) {
+  print(connect(options.place).pin_loop(options.map, ConstraintId{options.loop}, false), console,
+        "No longer pinned:\n");
+}
+
 void remove(const Options& options, const Console& console) {
   print(connect(options.place).delete_loop(options.map, ConstraintId{options.loop}), console,
         "Deleted.\n");
@@ -79,7 +108,8 @@ void remove(const Options& options, const Console& console) {
 }  // namespace
 
 void add_loops(CLI::App& app, Verbs& verbs) {
-  CLI::App* group = app.add_subcommand("loops", "List, add, detect and delete loop closures");
+  CLI::App* group =
+      app.add_subcommand("loops", "List, explain, add, detect, pin and delete loop closures");
   group->require_subcommand(1);
   const auto leaf = [&](const char* name, const char* description, const char* example,
                         bool with_store, void (*action)(const Options&, const Console&)) {
@@ -111,10 +141,16 @@ void add_loops(CLI::App& app, Verbs& verbs) {
            "  cellmap loops detect town 57 --server URL\n", false, detect);
   detect_verb->add_option("CELL", detected->cell, "Number of the CELL")->required();
 
-  const auto [delete_verb, deleted] =
-      leaf("delete", "Delete a loop; the map is optimised without it",
-           "  cellmap loops delete town 131 --server URL\n", false, remove);
-  delete_verb->add_option("LOOP", deleted->loop, "Number of the loop")->required();
+  const auto with_loop = [&](const char* name, const char* description, bool with_store,
+                             void (*action)(const Options&, const Console&)) {
+    const std::string example = "  cellmap loops " + std::string(name) + " town 131 --server URL\n";
+    const auto [verb, options] = leaf(name, description, example.c_str(), with_store, action);
+    verb->add_option("LOOP", options->loop, "Number of the loop")->required();
+  };
+  with_loop("show", "Explain what became of a loop and why", true, show);
+  with_loop("pin", "Hold a loop for certain; the map is optimised", false, pin);
+  with_loop("unpin", "Judge a pinned loop like any other again", false, unpin);
+  with_loop("delete", "Delete a loop; the map is optimised without it", false, remove);
 }
 
 }  // namespace cellmap::cli

@@ -5,7 +5,9 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/pipeline/refine.hpp"
+#include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
 
 namespace cellmap::cli {
@@ -29,6 +31,9 @@ class ServerReader : public MapReader {
   }
   PoseGraph pose_graph(const std::string& map) override { return client_.pose_graph(map); }
   LoopList loops(const std::string& map) override { return client_.loops(map); }
+  ConstraintReport loop(const std::string& map, ConstraintId id) override {
+    return client_.loop(map, id);
+  }
   std::string trajectory_text(const std::string& map, const std::string& session,
                               TrajectoryFormat format, TrajectoryStage stage) override {
     return client_.trajectory_text(map, session, format, stage);
@@ -86,6 +91,10 @@ class StoreReader : public MapReader {
 
 }  // namespace
 
+ConstraintReport MapReader::loop(const std::string& map, ConstraintId id) {
+  return explain(pose_graph(map), id);
+}
+
 void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror) {
   auto* server = verb.add_option("--server", place.server,
                                  "Address of the server, for example http://127.0.0.1:8080");
@@ -104,7 +113,7 @@ void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_
       ->check(CLI::Range(0.1, 86'400.0));
 }
 
-Client connect(const Place& place) {
+ClientOptions client_options_of(const Place& place) {
   if (place.server.empty()) {
     throw Error(ErrorCode::kInvalidArgument,
                 "no server was named; give --server http://HOST:PORT or set CELLMAP_SERVER");
@@ -114,8 +123,10 @@ Client connect(const Place& place) {
   options.cache_directory = place.cache;
   options.read_timeout = std::chrono::milliseconds(static_cast<long>(place.timeout_s * 1000));
   options.user_agent = "cellmap/" CELLMAP_VERSION;
-  return Client(std::move(options));
+  return options;
 }
+
+Client connect(const Place& place) { return Client(client_options_of(place)); }
 
 std::unique_ptr<Store> open_existing_store(const std::string& file) {
   if (!std::filesystem::exists(file)) {

@@ -49,6 +49,7 @@ class MapReader {
       const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell) = 0;
   virtual PoseGraph pose_graph(const std::string& map) = 0;
   virtual LoopList loops(const std::string& map) = 0;
+  virtual ConstraintReport loop(const std::string& map, ConstraintId id);
   virtual std::string trajectory_text(const std::string& map, const std::string& session,
                                       TrajectoryFormat format, TrajectoryStage stage) = 0;
 

@@ -26,6 +26,14 @@ std::string map_line(const MapInfo& map) {
                 static_cast<unsigned long long>(map.revision));
 }
 
+std::string session_line(const Session& session) {
+  return format("%-24s %-16s %-12s %6s CELLs  %s\n", session.name.c_str(),
+                session.robot.empty() ? "-" : session.robot.c_str(),
+                session.sensor.empty() ? "-" : session.sensor.c_str(),
+                with_commas(session.cells).c_str(),
+                session.aligned ? "in the map frame" : "not aligned yet");
+}
+
 std::string map_text(const MapInfo& map) {
   std::string sessions;
   for (const std::string& session : map.sessions)
@@ -50,6 +58,10 @@ std::string map_text(const MapInfo& map) {
   text += against("raw scans", map.raw_points, double(map.raw_points) * kRawPointBytes, stored);
   text += against("0.4 m voxels", map.voxel_points, double(map.voxel_points) * kVoxelPointBytes,
                   stored);
+  if (const auto& where = map.georeference) {
+    text += format("  %-14s %.8f, %.8f deg, %.2f m\n", "origin", where->latitude_deg,
+                   where->longitude_deg, where->height_m);
+  }
   if (!map.bounds.isEmpty()) {
     const auto &low = map.bounds.min(), &high = map.bounds.max();
     text += format("  %-14s x %.1f to %.1f, y %.1f to %.1f, z %.1f to %.1f m\n", "bounds", low.x(),

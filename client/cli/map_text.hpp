@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "cellmap/store/store.hpp"
+#include "cellmap/client/resources.hpp"
 
 namespace cellmap::cli {
 
@@ -12,5 +12,7 @@ std::string map_text(const MapInfo& map);
 
 /// One line a map.
 std::string map_line(const MapInfo& map);
+/// One line: name, robot, sensor, CELLs, and whether it is in the map frame.
+std::string session_line(const Session& session);
 
 }  // namespace cellmap::cli

@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "client/cli/arguments.hpp"
 #include "client/cli/command_line.hpp"
@@ -16,7 +17,9 @@ struct Options {
   double radius_m = 0;
   std::size_t limit = 1000;
   std::uint64_t since = 0;
-  bool all = false;
+  bool all = false, clear = false;
+  std::string origin;
+  double heading_deg = 90;
   std::string lattice = to_string(LatticeKind::kFibonacci);
   std::uint32_t lattice_size = LatticeSpec{}.size;
 };
@@ -52,6 +55,30 @@ void delete_map(const Options& options, const Console& console) {
 void show_map(const Options& options, const Console& console) {
   const MapInfo map = open_reader(options.place)->map(options.map);
   console.print(client::to_json(map), map_text(map));
+}
+
+Georeference georeference_of(const Options& options) {
+  const auto place = parse_numbers<3>("--origin", "latitude,longitude,height", options.origin);
+  Georeference georeference{place[0], place[1], place[2], Eigen::Matrix3d::Identity()};
+  // A heading turns clockwise from north, angles about the vertical counter-clockwise from east.
+  const double yaw_rad = (90 - options.heading_deg) * std::numbers::pi / 180;
+  georeference.R_enu_map = Eigen::AngleAxisd(yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  georeference.validate();
+  return georeference;
+}
+
+void set_georeference(const Options& options, const Console& console) {
+  if (options.origin.empty() != options.clear) {
+    throw Error(ErrorCode::kInvalidArgument, "give either --origin or --clear");
+  }
+  std::optional<Georeference> georeference;
+  if (!options.clear) georeference = georeference_of(options);
+  if (options.place.store.empty()) {
+    connect(options.place).set_georeference(options.map, georeference);
+  } else {
+    open_existing_store(options.place.store)->set_georeference(options.map, georeference);
+  }
+  show_map(options, console);
 }
 
 CellQuery query_of(const Options& options) {
@@ -101,7 +128,7 @@ void list_cells(const Options& options, const Console& console) {
 
 void add_list(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
-  CLI::App* list = verbs.add(app, "maps", "List the maps; make or delete one",
+  CLI::App* list = verbs.add(app, "maps", "List the maps; make, place or delete one",
                              "  cellmap maps --server http://127.0.0.1:8080\n"
                              "  cellmap maps create town --lattice-size 20000 --server URL\n"
                              "  cellmap maps delete town --server URL\n",
@@ -128,6 +155,25 @@ void add_list(CLI::App& app, Verbs& verbs) {
                                [deleted](const Console& c) { delete_map(*deleted, c); });
   remove->add_option("MAP", deleted->map, "Its name")->required();
   add_place_options(*remove, deleted->place, true);
+
+  const auto placed = std::make_shared<Options>();
+  CLI::App* georeference =
+      verbs.add(*list, "georeference", "Say where a map lies on Earth",
+                "  cellmap maps georeference town --origin 49.0114,8.4204,116.4 --heading 32.5 "
+                "--server URL\n"
+                "'cellmap relocalise' then says the pose as an OGC GeoPose too.\n",
+                [placed](const Console& c) { set_georeference(*placed, c); });
+  georeference->add_option("MAP", placed->map, "Its name")->required();
+  georeference->add_option("--origin", placed->origin,
+                           "WGS-84 \"latitude,longitude,height\" of the map frame's origin, "
+                           "degrees and metres above the ellipsoid");
+  georeference
+      ->add_option("--heading", placed->heading_deg,
+                   "Where the map's x axis points: degrees clockwise from north")
+      ->check(CLI::Range(-360.0, 360.0))
+      ->capture_default_str();
+  georeference->add_flag("--clear", placed->clear, "Take it back");
+  add_place_options(*georeference, placed->place, true);
 }
 
 }  // namespace

@@ -9,16 +9,18 @@
 
 namespace cellmap::cli {
 
-Relocalisation relocalise_offline(MapReader& reader, const std::string& map, const PointCloud& scan,
-                                  const std::optional<PosePrior>& prior, int threads) {
+Relocalisation relocalise_offline(MapReader& reader, const std::string& map,
+                                  const RelocalisationQuery& query, int threads) {
   const auto begun = std::chrono::steady_clock::now();
-  const auto lattice = std::make_shared<const Lattice>(reader.map(map).lattice);
-  const PoseGraph graph = reader.pose_graph(map);
+  const MapInfo info = reader.map(map);
+  const auto lattice = std::make_shared<const Lattice>(info.lattice);
+  PoseGraph graph = reader.pose_graph(map);
+  for (const CellId id : graph.unaligned) graph.nodes.erase(id);  // no place in the map yet
   std::map<CellId, CellRecord> records;
   PlaceIndex index;
   const std::vector<CellRecord> cells = reader.all_cells(map);
   reader.for_each_cell(map, cells, [&](const CellRecord& record, const EncodedCell& cell) {
-    if (!graph.nodes.contains(record.id)) return;  // added since the pose graph was read
+    if (!graph.nodes.contains(record.id)) return;  // or added since the pose graph was read
     index.add(record.id, decode_cell(cell.bytes), *lattice);
     records.emplace(record.id, record);
   });
@@ -28,10 +30,12 @@ Relocalisation relocalise_offline(MapReader& reader, const std::string& map, con
   };
   RelocaliseOptions options;
   options.threads = threads;
-  const Scan clean = filter_scan(scan, 0, {});
   Relocalisation result;
-  result.answer = index.relocalise(clean.points, graph, targets, prior, options);
-  if (result.answer.found) result.cell_hash = records.at(result.answer.found->cell).hash;
+  result.answer = index.relocalise(query, graph, targets, options);
+  if (const auto& found = result.answer.found) {
+    result.cell_hash = records.at(found->cell).hash;
+    if (info.georeference) result.geopose = to_geopose(*info.georeference, found->T_map_scan);
+  }
   result.revision = graph.revision;
   result.time_ms =
       std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begun).count();

@@ -1,9 +1,11 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "cellmap/client/files.hpp"
 #include "client/cli/arguments.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/map_reader.hpp"
@@ -51,6 +53,13 @@ std::string found_text(const Relocalisation& relocalisation) {
                  sigma[2], sigma[3] * 180 / std::numbers::pi, sigma[4] * 180 / std::numbers::pi,
                  sigma[5] * 180 / std::numbers::pi,
                  found.registration.degeneracy.degenerate ? "  (a direction is weakly held)" : "");
+  if (const auto& geopose = relocalisation.geopose) {
+    const Eigen::Quaterniond& q = geopose->q_enu_body;
+    text +=
+        format("  on Earth    %.8f %.8f deg, %.3f m  %.6f %.6f %.6f %.6f\n", geopose->latitude_deg,
+               geopose->longitude_deg, geopose->height_m, q.x(), q.y(), q.z(), q.w());
+  }
+  text += format("  confidence  %.2f, %u other CELLs agree\n", found.confidence, found.witnesses);
   return text + "  scores      " + scores_text(found.registration.scores) + "\n";
 }
 
@@ -66,15 +75,40 @@ std::string answer_text(const Relocalisation& relocalisation) {
                        relocalisation.time_ms);
 }
 
+bool is_cell(const Options& options) {
+  return std::filesystem::path(options.scan).extension() == ".cell";
+}
+
+EncodedCell read_cell(const std::string& file) {
+  auto bytes = client::read_file(file, kMaxCellBytes);
+  if (!bytes) throw Error(ErrorCode::kNotFound, "there is no file " + file);
+  const ContentHash hash = view_cell(*bytes).hash;
+  return {hash, *std::move(bytes)};
+}
+
+RelocalisationQuery query_of(const Options& options) {
+  if (!is_cell(options)) {
+    return RelocalisationQuery::from_scan(filter_scan(read_scan(options.scan), 0, {}).points);
+  }
+  const Cell cell = decode_cell(read_cell(options.scan).bytes);
+  return RelocalisationQuery::from_cell(cell, Lattice(cell.lattice));
+}
+
+Relocalisation ask(const Options& options, const std::optional<PosePrior>& prior) {
+  if (!options.place.store.empty() || !options.place.mirror.empty()) {
+    RelocalisationQuery query = query_of(options);
+    query.prior = prior;
+    return relocalise_offline(*open_reader(options.place), options.map, query, options.threads);
+  }
+  Client client = connect(options.place);
+  return is_cell(options) ? client.relocalise(options.map, read_cell(options.scan), prior)
+                          : client.relocalise(options.map, read_scan(options.scan), prior);
+}
+
 void run(const Options& options, const Console& console) {
   const auto prior = prior_of(options);
   const auto truth = truth_of(options);
-  const PointCloud scan = read_scan(options.scan);
-  const bool offline = !options.place.store.empty() || !options.place.mirror.empty();
-  const Relocalisation answer = offline
-                                    ? relocalise_offline(*open_reader(options.place), options.map,
-                                                         scan, prior, options.threads)
-                                    : connect(options.place).relocalise(options.map, scan, prior);
+  const Relocalisation answer = ask(options, prior);
   client::Json json = client::to_json(answer);
   std::string text = answer_text(answer);
   if (truth && answer.answer.found) {
@@ -93,13 +127,15 @@ void run(const Options& options, const Console& console) {
 void add_relocalise(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
   CLI::App* verb =
-      verbs.add(app, "relocalise", "Find where in a map a scan was taken",
+      verbs.add(app, "relocalise", "Find where in a map a scan was taken, or a CELL built",
                 "  cellmap relocalise scan.bin --server http://127.0.0.1:8080 --map town\n"
                 "  cellmap relocalise scan.pcd --store map.db --map town --prior \"10 2 0 0 0 0 "
                 "1\" --radius 5\n"
                 "\"Not found\" is an answer: exit code 0, and \"found\": false with --json.\n",
                 [options](const Console& console) { run(*options, console); });
-  verb->add_option("SCAN", options->scan, "One scan: .bin (KITTI), .pcd or .ply")->required();
+  verb->add_option("SCAN", options->scan,
+                   "One scan: .bin (KITTI), .pcd or .ply; or a CELL of the map's lattice: .cell")
+      ->required();
   verb->add_option("--map", options->map, "Name of the map")->required();
   add_place_options(*verb, options->place, true, true);
   auto* prior = verb->add_option("--prior", options->prior,

@@ -11,19 +11,16 @@ namespace {
 
 struct Options {
   Place place;
-  std::string map;
+  std::string map, deleted;
 };
 
 void list(const Options& options, const Console& console) {
+  if (!options.deleted.empty()) connect(options.place).delete_session(options.map, options.deleted);
   client::Json json = client::Json::array();
   std::string text;
   for (const Session& session : connect(options.place).sessions(options.map)) {
     json.push_back(client::to_json(session));
-    text += format("%-24s %-16s %-12s %6s CELLs  %s\n", session.name.c_str(),
-                   session.robot.empty() ? "-" : session.robot.c_str(),
-                   session.sensor.empty() ? "-" : session.sensor.c_str(),
-                   with_commas(session.cells).c_str(),
-                   session.aligned ? "in the map frame" : "not aligned yet");
+    text += session_line(session);
   }
   console.print({{"sessions", json}}, text.empty() ? "No sessions.\n" : text);
 }
@@ -32,10 +29,13 @@ void list(const Options& options, const Console& console) {
 
 void add_sessions(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
-  CLI::App* verb = verbs.add(app, "sessions", "The drives in a map, and which are in its frame",
-                             "  cellmap sessions town --server http://127.0.0.1:8080\n",
-                             [options](const Console& console) { list(*options, console); });
+  CLI::App* verb =
+      verbs.add(app, "sessions", "The drives in a map, and which are in its frame; delete one",
+                "  cellmap sessions town --server http://127.0.0.1:8080\n",
+                [options](const Console& console) { list(*options, console); });
   verb->add_option("MAP", options->map, "Name of the map")->required();
+  verb->add_option("--delete", options->deleted,
+                   "First remove this one with its CELLs; older revisions can then not be read");
   add_place_options(*verb, options->place, false);
 }
 

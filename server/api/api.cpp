@@ -6,6 +6,7 @@
 
 #include "cellmap/core/error.hpp"
 #include "server/api/conditions.hpp"
+#include "server/api/diff.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
@@ -56,6 +57,9 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_relocalise_route(router_, *services_);
   add_loop_routes(router_, *services_);
   add_session_routes(router_, *services_);
+  add_diff_route(router_, *services_);
+  add_split_route(router_, *services_);
+  add_georeference_routes(router_, *services_);
   add_job_routes(router_, *services_);
 }
 

@@ -37,13 +37,17 @@ MapVersion wait_for_other(const Services& services, const std::string& map, cons
 
 Json changes_to_json(const MapChanges& changes) {
   Json added = Json::array(), constraints = Json::array();
-  Json removed = Json::array(), removed_constraints = Json::array();
+  Json removed = Json::array(), removed_constraints = Json::array(), judged = Json::array();
   for (const auto& cell : changes.added) added.push_back(to_json(cell));
   for (const auto& constraint : changes.added_constraints) {
     constraints.push_back(to_json(constraint));
   }
   for (const auto id : changes.removed) removed.push_back(id.value);
   for (const auto id : changes.removed_constraints) removed_constraints.push_back(id.value);
+  for (const auto& [id, judgement] : changes.judged) {
+    judged.push_back(
+        {{"id", id.value}, {"weight", judgement.weight}, {"pinned", judgement.pinned}});
+  }
   return {{"since", changes.since},
           {"revision", changes.revision},
           {"added", std::move(added)},
@@ -51,7 +55,8 @@ Json changes_to_json(const MapChanges& changes) {
           {"removed", std::move(removed)},
           {"unaligned", ids_to_json(changes.unaligned)},
           {"added_constraints", std::move(constraints)},
-          {"removed_constraints", std::move(removed_constraints)}};
+          {"removed_constraints", std::move(removed_constraints)},
+          {"judged", std::move(judged)}};
 }
 
 /// Holds the request back while the map has no other revision than the one that the client has.
@@ -77,7 +82,7 @@ Response changes(Services& services, const Call& call) {
   response.headers.set("Cache-Control", "no-store");
   response.headers.set("Vary", "Accept");
   // Read after the changes: a map that was made anew meanwhile is never taken for the old one.
-  response.headers.set("CELLmap-Created", rfc3339(services.store.version(map).created));
+  response.headers.set("CELLmap-Created", to_rfc3339(services.store.version(map).created));
   if (*type == kChangesType) {
     const auto bytes = std::make_shared<const Bytes>(encode_changes(changes));
     response.body = SharedBytes{bytes, 0, bytes->size()};
@@ -128,7 +133,8 @@ class RevisionEvents {
     last_told_ = Clock::now();
     chunk +=
         "event: revision\nid: " + std::to_string(seen_.revision) + "\ndata: " +
-        dump({{"map", map_}, {"revision", seen_.revision}, {"created", rfc3339(seen_.created)}}) +
+        dump(
+            {{"map", map_}, {"revision", seen_.revision}, {"created", to_rfc3339(seen_.created)}}) +
         "\n\n";
   }
   bool end(std::string& chunk, const char* reason) const {

@@ -7,7 +7,7 @@
 #include "server/api/follower.hpp"
 #include "server/api/problem.hpp"
 
-// /v1/maps/{map}/jobs and /v1/jobs/{job} with events, scans and complete.
+// /v1/maps/{map}/jobs, /v1/maps/{map}/merge and /v1/jobs/{job} with events, scans and complete.
 
 namespace cellmap::server {
 namespace {
@@ -37,7 +37,7 @@ Json to_json(const JobView& job) {
           {"map", record.map},
           {"kind", record.kind},
           {"state", to_string(record.state)},
-          {"session", job.session},
+          {"session", job.session.empty() ? Json() : Json(job.session)},
           {"scans_done", record.scans_done},
           {"scans_total", record.scans_total},
           {"cells_done", record.cells_done},
@@ -46,8 +46,8 @@ Json to_json(const JobView& job) {
           {"eta_s", number_or_null(job.eta_s)},
           {"next_scan", number_or_null(job.next_scan)},
           {"error", error},
-          {"created", rfc3339(record.created)},
-          {"updated", rfc3339(std::max(record.updated, record.created))}};
+          {"created", to_rfc3339(record.created)},
+          {"updated", to_rfc3339(std::max(record.updated, record.created))}};
 }
 
 JobId job_id(const Call& call) { return JobId{call.path_id("job")}; }
@@ -61,6 +61,13 @@ Response list(Services& services, const Call& call) {
 Response create(Services& services, const Call& call) {
   validate_map_name(call.path("map"));
   const JobView job = services.jobs.submit(call.path("map"), call.json());
+  Response response = json_response(to_json(job), 202);
+  response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
+  return response;
+}
+
+Response create_merge(Services& services, const Call& call) {
+  const JobView job = services.jobs.submit_merge(call.path("map"), call.json());
   Response response = json_response(to_json(job), 202);
   response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
   return response;
@@ -146,6 +153,9 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"GET", of_map, {}, 0, json, [&](const Call& call) { return list(services, call); }});
   router.add({"POST", of_map, {}, kMaxJobBody, json, [&](const Call& call) {
                 return create(services, call);
+              }});
+  router.add({"POST", "/v1/maps/{map}/merge", {}, kMaxJobBody, json, [&](const Call& call) {
+                return create_merge(services, call);
               }});
   router.add({"GET", one, {}, 0, json, [&](const Call& call) {
                 return json_response(to_json(services.jobs.job(job_id(call))));

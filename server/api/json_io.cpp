@@ -1,9 +1,6 @@
 #include "server/api/json_io.hpp"
 
-#include <array>
 #include <cmath>
-#include <cstdio>
-#include <ctime>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
@@ -18,9 +15,7 @@ constexpr int kMaxDepth = 16;
   throw Error(ErrorCode::kInvalidArgument, message);
 }
 
-Json vector_to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-
-std::vector<double> numbers(const Json& json, std::size_t count) {
+std::vector<double> finite_numbers(const Json& json, std::size_t count) {
   std::vector<double> values;
   if (!json.is_array() || json.size() != count) return values;
   for (const auto& element : json) {
@@ -113,10 +108,19 @@ std::optional<std::uint64_t> ObjectReader::integer(const std::string& key, std::
   return json->get<std::uint64_t>();
 }
 
+std::optional<std::vector<double>> ObjectReader::numbers(const std::string& key,
+                                                         std::size_t count) {
+  const Json* json = member(key);
+  if (!json) return std::nullopt;
+  auto values = finite_numbers(*json, count);
+  if (values.empty()) refuse(key, "an array of " + std::to_string(count) + " finite numbers");
+  return values;
+}
+
 std::optional<Pose> ObjectReader::pose(const std::string& key) {
   const Json* json = member(key);
   if (!json) return std::nullopt;
-  const auto values = numbers(*json, 7);
+  const auto values = finite_numbers(*json, 7);
   if (values.empty()) refuse(key, "seven finite numbers [x, y, z, qx, qy, qz, qw]");
   return pose_from_xyz_qxyzw(std::span<const double, 7>(values.data(), 7));
 }
@@ -124,16 +128,9 @@ std::optional<Pose> ObjectReader::pose(const std::string& key) {
 std::optional<Matrix6d> ObjectReader::matrix(const std::string& key) {
   const Json* json = member(key);
   if (!json) return std::nullopt;
-  const auto values = numbers(*json, 21);
+  const auto values = finite_numbers(*json, 21);
   if (values.empty()) refuse(key, "21 finite numbers, the upper triangle by rows");
-  Matrix6d matrix;
-  std::size_t next = 0;
-  for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) {
-      matrix(row, column) = matrix(column, row) = values[next++];
-    }
-  }
-  return matrix;
+  return symmetric_from_upper(values);
 }
 
 const Json* ObjectReader::array(const std::string& key, std::size_t max_size) {
@@ -161,72 +158,25 @@ void ObjectReader::finish() const {
   }
 }
 
-Json to_json(const Pose& pose) { return to_xyz_qxyzw(pose); }
-
-Json to_json(const Matrix6d& symmetric) {
-  Json json = Json::array();
+Matrix6d symmetric_from_upper(std::span<const double> values) {
+  Matrix6d matrix;
+  std::size_t next = 0;
   for (int row = 0; row < 6; ++row) {
-    for (int column = row; column < 6; ++column) json.push_back(symmetric(row, column));
+    for (int column = row; column < 6; ++column) {
+      matrix(row, column) = matrix(column, row) = values[next++];
+    }
   }
-  return json;
+  return matrix;
 }
 
-Json to_json(const RegistrationScores& scores) {
-  return {{"points", scores.points},
-          {"hits", scores.hits},
-          {"inlier_ratio_all", scores.inlier_ratio_all},
-          {"inlier_ratio_hit", scores.inlier_ratio_hit},
-          {"share_in_front", scores.share_in_front},
-          {"share_beyond", scores.share_beyond},
-          {"median_residual_m", scores.median_residual_m}};
-}
-
-Json to_json(const Constraint& constraint) {
-  return {{"id", constraint.id.value},
-          {"from", constraint.from.value},
-          {"to", constraint.to.value},
-          {"pose", to_json(constraint.T_from_to)},
-          {"information", to_json(constraint.information)},
-          {"kind", to_string(constraint.kind)},
-          {"origin", to_string(constraint.origin)},
-          {"scores", to_json(constraint.scores)}};
-}
-
-Json to_json(const LatticeSpec& lattice) {
-  return {{"kind", to_string(lattice.kind)}, {"size", lattice.size}};
-}
-
-Json to_json(const MapInfo& map) {
-  Json bounds;
-  if (!map.bounds.isEmpty()) {
-    bounds = {{"min", vector_to_json(map.bounds.min())}, {"max", vector_to_json(map.bounds.max())}};
+std::set<std::string> session_names(const Json& array) {
+  std::set<std::string> names;
+  for (const Json& name : array) {
+    if (!name.is_string()) invalid("Expected 'sessions' to hold text only.");
+    names.insert(name.get<std::string>());
   }
-  constexpr std::uint64_t kRawPointBytes = 16, kVoxelPointBytes = 12;
-  return {{"name", map.name},
-          {"lattice", to_json(map.lattice)},
-          {"revision", map.revision},
-          {"created", rfc3339(map.created)},
-          {"cells", map.cells},
-          {"planes", map.planes},
-          {"constraints", map.constraints},
-          {"encoded_bytes", map.encoded_bytes},
-          {"stored_bytes", map.stored_bytes},
-          {"scans", map.scans},
-          {"raw_points", map.raw_points},
-          {"raw_bytes", map.raw_points * kRawPointBytes},
-          {"voxel_points", map.voxel_points},
-          {"voxel_bytes", map.voxel_points * kVoxelPointBytes},
-          {"bounds", bounds},
-          {"sessions", map.sessions}};
-}
-
-Json to_json(const CellRecord& cell) {
-  const std::string hash = to_hex(cell.hash);
-  return {
-      {"id", cell.id.value},        {"etag", '"' + hash + '"'},  {"hash", hash},
-      {"added", cell.added},        {"moved", cell.moved},       {"pose", to_json(cell.T_map_cell)},
-      {"session", cell.session},    {"sequence", cell.sequence}, {"planes", cell.planes},
-      {"bytes", cell.encoded_bytes}};
+  if (names.empty()) invalid("Expected 'sessions' to name at least one session.");
+  return names;
 }
 
 Json nodes_to_json(const std::map<CellId, Pose>& poses) {
@@ -262,18 +212,6 @@ LatticeSpec lattice_from_json(const Json& json) {
   reader.finish();
   spec.validate();
   return spec;
-}
-
-std::string rfc3339(Stamp unix_time) {
-  constexpr Stamp kSecond = 1'000'000'000;
-  const std::time_t seconds = unix_time / kSecond;
-  std::tm parts{};
-  gmtime_r(&seconds, &parts);
-  std::array<char, 64> text{};
-  std::snprintf(text.data(), text.size(), "%04d-%02d-%02dT%02d:%02d:%02d.%03dZ",
-                parts.tm_year + 1900, parts.tm_mon + 1, parts.tm_mday, parts.tm_hour, parts.tm_min,
-                parts.tm_sec, static_cast<int>(unix_time % kSecond / 1'000'000));
-  return text.data();
 }
 
 }  // namespace cellmap::server

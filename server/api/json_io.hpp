@@ -8,8 +8,10 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "cellmap/core/stamp.hpp"
+#include "cellmap/document/json.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/geometry/pose.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
@@ -19,7 +21,9 @@
 
 namespace cellmap::server {
 
-using Json = nlohmann::ordered_json;
+using document::Json;
+using document::to_json;
+using document::to_rfc3339;
 
 /// Reads a JSON text from outside: at most 16 levels deep, no duplicate keys. Throws
 /// Error{kInvalidArgument}. The size was bounded when it was read.
@@ -40,6 +44,7 @@ class ObjectReader {
   std::optional<bool> boolean(const std::string& key);
   std::optional<double> number(const std::string& key);
   std::optional<std::uint64_t> integer(const std::string& key, std::uint64_t max);
+  std::optional<std::vector<double>> numbers(const std::string& key, std::size_t count);
   std::optional<Pose> pose(const std::string& key);
   std::optional<Matrix6d> matrix(const std::string& key);
   const Json* array(const std::string& key, std::size_t max_size);
@@ -56,21 +61,17 @@ class ObjectReader {
   std::set<std::string> known_;
 };
 
-Json to_json(const Pose& pose);
-Json to_json(const Matrix6d& symmetric);  ///< upper triangle by rows
-Json to_json(const RegistrationScores& scores);
-Json to_json(const Constraint& constraint);
-Json to_json(const LatticeSpec& lattice);
-Json to_json(const MapInfo& map);
-Json to_json(const CellRecord& cell);
 Json to_json(const PoseGraph& graph);
 Json ids_to_json(const std::set<CellId>& ids);
 Json nodes_to_json(const std::map<CellId, Pose>& poses);
 
+/// Out of the 21 numbers of its upper triangle, by rows.
+Matrix6d symmetric_from_upper(std::span<const double> values);
+
 /// Throws Error{kInvalidArgument} or {kUnsupported}.
 LatticeSpec lattice_from_json(const Json& json);
 
-/// RFC 3339 in UTC with milliseconds.
-std::string rfc3339(Stamp unix_time);
+/// Names out of an array of at least one; throws Error{kInvalidArgument}.
+std::set<std::string> session_names(const Json& array);
 
 }  // namespace cellmap::server

@@ -84,15 +84,7 @@ std::vector<Constraint> detect(const Services& services,
   std::vector<Constraint> found;
   for (const auto& closure : detect_loops(graph, id, points, MapState::targets(state), options)) {
     if (has_loop(graph, closure.from, closure.to)) continue;
-    Constraint constraint;
-    constraint.from = closure.from;
-    constraint.to = closure.to;
-    constraint.T_from_to = closure.result.T_target_source;
-    constraint.information = closure.result.information;
-    constraint.kind = ConstraintKind::kLoop;
-    constraint.origin = ConstraintOrigin::kDetection;
-    constraint.scores = closure.result.scores;
-    found.push_back(constraint);
+    found.push_back(to_constraint(closure, ConstraintOrigin::kDetection));
   }
   return found;
 }
@@ -110,11 +102,11 @@ void bring_together(PoseGraph& graph, const Constraint& loop) {
 }
 
 struct Optimised {
-  MapUpdate update;  ///< the poses that moved
+  MapUpdate update;  ///< the poses that moved, constraints as they are judged now, new ones
   PoseGraphSummary summary;
 };
 
-/// Optimises a changed graph against the stored one.
+/// Optimises a changed graph against the stored one. New constraints follow the others.
 Optimised optimised(const Services& services, const PoseGraph& before, PoseGraph after) {
   PoseGraphOptions options;
   options.threads = services.options.threads;
@@ -125,6 +117,9 @@ Optimised optimised(const Services& services, const PoseGraph& before, PoseGraph
   for (const auto& [id, pose] : after.nodes) {
     if (!(pose.matrix() == before.nodes.at(id).matrix())) result.update.poses.emplace(id, pose);
   }
+  result.update.judged = judged_anew(before.constraints, after.constraints);
+  std::ranges::copy_if(after.constraints, std::back_inserter(result.update.add_constraints),
+                       [](const Constraint& c) { return c.id.value == 0; });
   result.update.expected_revision = before.revision;
   return result;
 }
@@ -158,8 +153,8 @@ Response add(Services& services, const Call& call) {
   PoseGraph changed = *graph;
   for (const Constraint& loop : loops) bring_together(changed, loop);
   changed.constraints.insert(changed.constraints.end(), loops.begin(), loops.end());
-  Optimised result = optimised(services, *graph, std::move(changed));
-  result.update.add_constraints = loops;
+  const Optimised result = optimised(services, *graph, std::move(changed));
+  loops = result.update.add_constraints;
   const auto committed = services.store.commit(state->name(), result.update);
   for (std::size_t i = 0; i < loops.size(); ++i) loops[i].id = committed.constraint_ids[i];
   Response response = json_response(answer(committed.revision, loops, result.summary), 201);
@@ -175,11 +170,19 @@ std::vector<Constraint> loops_of(const PoseGraph& graph) {
   return loops;
 }
 
-Constraint find_loop(const PoseGraph& graph, ConstraintId id) {
+void check_loop(const PoseGraph& graph, ConstraintId id) {
   for (const auto& loop : loops_of(graph)) {
-    if (loop.id == id) return loop;
+    if (loop.id == id) return;
   }
   throw Error(ErrorCode::kNotFound, "The map has no loop " + std::to_string(id.value) + ".");
+}
+
+/// A loop, what became of it and how it stands at the poses of now.
+Json explanation(const PoseGraph& graph, ConstraintId id) {
+  check_loop(graph, id);
+  Json json = to_json(explain(graph, id));
+  json["revision"] = graph.revision;
+  return json;
 }
 
 Response list(Services& services, const Call& call) {
@@ -191,7 +194,31 @@ Response list(Services& services, const Call& call) {
 
 Response get(Services& services, const Call& call) {
   const ConstraintId id{call.path_id("loop")};
-  return json_response(to_json(find_loop(*services.maps.open(call.path("map"))->graph(), id)));
+  return json_response(explanation(*services.maps.open(call.path("map"))->graph(), id));
+}
+
+bool read_pin(const Json& json) {
+  ObjectReader reader(json, "the change");
+  const auto pinned = reader.boolean("pinned");
+  reader.finish();
+  if (!pinned) throw Error(ErrorCode::kInvalidArgument, "Expected 'pinned', true or false.");
+  return *pinned;
+}
+
+Response pin(Services& services, const Call& call) {
+  const auto state = services.maps.open(call.path("map"));
+  const ConstraintId id{call.path_id("loop")};
+  const bool pinned = read_pin(call.json());
+  const std::lock_guard lock(state->writer());
+  const auto graph = state->graph();
+  check_loop(*graph, id);
+  PoseGraph changed = *graph;
+  set_pinned(changed, id, pinned);
+  const Optimised result = optimised(services, *graph, std::move(changed));
+  services.store.commit(state->name(), result.update);
+  Json json = explanation(*state->graph(), id);
+  json["moved"] = result.summary.moved;
+  return json_response(json);
 }
 
 Response remove(Services& services, const Call& call) {
@@ -199,7 +226,7 @@ Response remove(Services& services, const Call& call) {
   const ConstraintId id{call.path_id("loop")};
   const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
-  find_loop(*graph, id);
+  check_loop(*graph, id);
   PoseGraph changed = *graph;
   erase_constraint(changed, id);
   Optimised result = optimised(services, *graph, std::move(changed));
@@ -217,6 +244,8 @@ void add_loop_routes(Router& router, Services& services) {
   router.add(
       {"POST", all, {}, kMaxBody, json, [&](const Call& call) { return add(services, call); }});
   router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
+  router.add(
+      {"PATCH", one, {}, kMaxBody, json, [&](const Call& call) { return pin(services, call); }});
   router.add(
       {"DELETE", one, {}, 0, json, [&](const Call& call) { return remove(services, call); }});
 }

@@ -3,6 +3,7 @@
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/scan/trajectory.hpp"
 #include "server/api/api.hpp"
+#include "server/api/compress.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
@@ -25,7 +26,10 @@ Response pose_graph(Services& services, const Call& call) {
     graph = std::make_shared<const PoseGraph>(services.store.pose_graph(state->name(), asked));
   }
   const std::string revision = std::to_string(graph->revision);
-  const std::vector<std::string> tags{"\"r" + revision + '"', "\"r" + revision + "-json\""};
+  std::vector<std::string> tags;
+  for (const char* const form : {"", "-json", "-zstd", "-json-zstd"}) {
+    tags.push_back("\"r" + revision + form + '"');
+  }
   const bool as_json = *type == "application/json";
   Response response;
   response.headers.set("ETag", tags[as_json]);
@@ -44,6 +48,8 @@ Response pose_graph(Services& services, const Call& call) {
     auto bytes = std::make_shared<const Bytes>(encode_pose_graph(*graph));
     response.body = SharedBytes{bytes, 0, bytes->size()};
   }
+  compress_if_accepted(call, response);
+  if (response.headers.get("Content-Encoding")) response.headers.set("ETag", tags[as_json + 2]);
   return response;
 }
 

@@ -3,11 +3,13 @@
 #include <chrono>
 #include <numbers>
 
+#include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/api.hpp"
 #include "server/api/text.hpp"
+#include "server/api/turn.hpp"
 
 // POST /v1/maps/{map}/relocalise.
 
@@ -15,11 +17,22 @@ namespace cellmap::server {
 namespace {
 
 constexpr const char* kScanType = "application/vnd.cellmap.scan";
+constexpr const char* kCellType = "application/vnd.cellmap.cell";
 constexpr std::size_t kMaxBody = 33u << 20;
 
-PointCloud read_scan(const Call& call) {
-  const auto type = call.content_type({"application/octet-stream", kScanType});
+RelocalisationQuery read_cell(const std::string& body, const Lattice& lattice) {
+  const Cell cell = decode_cell(as_bytes(body));
+  if (cell.lattice != lattice.spec()) {
+    throw Error(ErrorCode::kInvalidArgument, "The CELL's lattice is " + to_string(cell.lattice) +
+                                                 ", the map's " + to_string(lattice.spec()) + ".");
+  }
+  return RelocalisationQuery::from_cell(cell, lattice);
+}
+
+RelocalisationQuery read_query(const Call& call, const Lattice& lattice) {
+  const auto type = call.content_type({"application/octet-stream", kScanType, kCellType});
   const std::string body = call.content(kMaxBody);
+  if (type == kCellType) return read_cell(body, lattice);
   PointCloud points =
       type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
   Scan scan = filter_scan(std::move(points), 0, {});
@@ -29,19 +42,28 @@ PointCloud read_scan(const Call& call) {
                     " are not finite, " + std::to_string(scan.dropped_range) +
                     " nearer than 2 m or farther than 120 m.");
   }
-  return std::move(scan.points);
+  return RelocalisationQuery::from_scan(std::move(scan.points));
 }
 
 std::optional<PosePrior> read_prior(const Call& call) {
   const auto numbers = call.query_numbers("prior", 7);
   const auto radius = call.query_number("radius", 0, 10'000);
   const auto yaw_range_deg = call.query_number("yaw_range_deg", 0, 180);
+  const auto covariance = call.query_numbers("prior_covariance", 21);
   if (!numbers) {
-    if (!radius && !yaw_range_deg) return std::nullopt;
-    throw Error(ErrorCode::kInvalidArgument, "'radius' and 'yaw_range_deg' need a 'prior'.");
+    if (!radius && !yaw_range_deg && !covariance) return std::nullopt;
+    throw Error(ErrorCode::kInvalidArgument,
+                "'radius', 'yaw_range_deg' and 'prior_covariance' need a 'prior'.");
   }
   PosePrior prior;
   prior.T_map_scan = pose_from_xyz_qxyzw(std::span<const double, 7>(numbers->data(), 7));
+  if (covariance) {
+    if (!radius && !yaw_range_deg) {
+      return prior_from_covariance(prior.T_map_scan, symmetric_from_upper(*covariance));
+    }
+    throw Error(ErrorCode::kInvalidArgument,
+                "Expected either 'prior_covariance' or 'radius' and 'yaw_range_deg'.");
+  }
   prior.radius_m = radius.value_or(prior.radius_m);
   if (prior.radius_m <= 0) {
     throw Error(ErrorCode::kInvalidArgument, "Expected 'radius' to be above 0.");
@@ -49,22 +71,6 @@ std::optional<PosePrior> read_prior(const Call& call) {
   if (yaw_range_deg) prior.yaw_range_rad = *yaw_range_deg * std::numbers::pi / 180;
   return prior;
 }
-
-/// One of the few relocalisations that may run at a time.
-class Turn {
- public:
-  explicit Turn(Services& services) : turns_(services.relocalisations) {
-    if (!turns_.try_acquire_for(services.options.relocalisation_wait)) {
-      throw Error(ErrorCode::kUnavailable, "Too many relocalisations at a time; try again.");
-    }
-  }
-  ~Turn() { turns_.release(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
-
- private:
-  std::counting_semaphore<>& turns_;
-};
 
 Json cell_name(const Services& services, const std::string& map, CellId id) {
   return {{"id", id.value}, {"hash", to_hex(services.store.cell(map, id).hash)}};
@@ -78,15 +84,19 @@ Json to_document(const Services& services, const std::string& map,
     json["covariance"] = to_json(answer.covariance);
     json["cell"] = cell_name(services, map, found->cell);
     json["T_cell_scan"] = to_json(found->T_cell_scan);
-    json["scores"] = to_json(found->registration.scores);
+    if (const auto georeference = services.store.map(map).georeference) {
+      json["geopose"] = to_json(to_geopose(*georeference, found->T_map_scan));
+    }
+    document::add_evidence(json, *found);
     json["degenerate"] = found->registration.degeneracy.degenerate;
   }
   json["alternatives"] = Json::array();
   for (const auto& other : answer.alternatives) {
-    json["alternatives"].push_back({{"cell", cell_name(services, map, other.cell)},
-                                    {"T_map_scan", to_json(other.T_map_scan)},
-                                    {"scores", to_json(other.registration.scores)},
-                                    {"accepted", other.accepted}});
+    Json alternative{{"cell", cell_name(services, map, other.cell)},
+                     {"T_map_scan", to_json(other.T_map_scan)},
+                     {"accepted", other.accepted}};
+    document::add_evidence(alternative, other);
+    json["alternatives"].push_back(std::move(alternative));
   }
   json["cells_considered"] = answer.cells_considered;
   return json;
@@ -106,7 +116,8 @@ std::shared_ptr<const PoseGraph> aligned(std::shared_ptr<const PoseGraph> graph)
 Response relocalise(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const auto prior = read_prior(call);
-  const PointCloud scan = read_scan(call);
+  RelocalisationQuery query = read_query(call, *state->lattice());
+  query.prior = prior;
   const Turn turn(services);
   const auto start = std::chrono::steady_clock::now();
   const auto index = state->place_index(*state->graph());
@@ -114,7 +125,7 @@ Response relocalise(Services& services, const Call& call) {
   RelocaliseOptions options;
   options.threads = services.options.threads;
   options.registration.threads = services.options.threads;
-  const auto answer = index->relocalise(scan, *graph, MapState::targets(state), prior, options);
+  const auto answer = index->relocalise(query, *graph, MapState::targets(state), options);
   services.metrics.relocalisation(answer.found.has_value());
   Json json = to_document(services, state->name(), answer);
   json["revision"] = graph->revision;
@@ -129,7 +140,7 @@ Response relocalise(Services& services, const Call& call) {
 void add_relocalise_route(Router& router, Services& services) {
   router.add({"POST",
               "/v1/maps/{map}/relocalise",
-              {"prior", "radius", "yaw_range_deg"},
+              {"prior", "radius", "yaw_range_deg", "prior_covariance"},
               kMaxBody,
               {"application/json"},
               [&](const Call& call) { return relocalise(services, call); }});

@@ -21,7 +21,7 @@ constexpr std::size_t kMaxHashesBody = 1u << 20;
 /// The last CELL tells where the odometry frame lies.
 Json document(Services& services, const std::string& map, const SessionInfo& session) {
   Json started, last_cell, T_map_odom;
-  if (session.started > 0) started = rfc3339(session.started);
+  if (session.started > 0) started = to_rfc3339(session.started);
   if (const auto last = services.store.last_cell(map, session.name)) {
     last_cell = last->id.value;
     if (session.aligned) {
@@ -83,6 +83,21 @@ Response create(Services& services, const Call& call) {
   return response;
 }
 
+/// Writers hold on to CELLs of the map, so none may be at work.
+Response remove(Services& services, const Call& call) {
+  const auto state = services.maps.open(call.path("map"));
+  const std::lock_guard lock(state->writer());
+  if (services.jobs.has_unfinished(state->name())) {
+    throw Error(ErrorCode::kConflict, "The map has unfinished jobs; cancel them first.");
+  }
+  MapUpdate update;
+  update.remove_sessions = {find_session(services.store, state->name(), call.path("session")).name};
+  services.store.commit(state->name(), update);
+  Response response;
+  response.status = 204;
+  return response;
+}
+
 std::vector<CellRecord> cells_of(const Store& store, const std::string& map,
                                  const std::string& session) {
   std::vector<CellRecord> cells;
@@ -115,16 +130,6 @@ Response lacking(Services& services, const Call& call) {
     if (!there.contains(hash.get<std::string>())) answer.push_back(hash);
   }
   return json_response({{"lacking", std::move(answer)}});
-}
-
-/// The CELL as the back end takes it: its scans stayed on the robot, so its own points stand for
-/// them.
-FinishedCell arrived(std::shared_ptr<const Cell> cell,
-                     const std::shared_ptr<const Lattice>& lattice) {
-  FinishedCell arrived;
-  arrived.points = reconstruct_points(*cell, *lattice);
-  arrived.target = std::make_shared<const RegistrationTarget>(std::move(cell), lattice);
-  return arrived;
 }
 
 void check_cell(const Call& call, const MapState& state, const CellView& view) {
@@ -187,12 +192,11 @@ Response put_cell(Services& services, const Call& call) {
       options.junction.relocalise.threads = services.options.threads;
   BackEnd back_end(options, MapState::access(state));
   if (last) {
-    back_end.resume_after(
-        last->id, arrived(std::make_shared<const Cell>(load_cell(services.store, map, last->id)),
-                          state->lattice()));
+    back_end.resume_after(last->id, finished_without_scans(state->target(last->id)));
   }
   extend(services.store, *state, back_end,
-         arrived(std::make_shared<const Cell>(view.to_cell()), state->lattice()),
+         finished_without_scans(std::make_shared<const RegistrationTarget>(
+             std::make_shared<const Cell>(view.to_cell()), state->lattice())),
          EncodedCell{view.hash, bytes});
   services.metrics.cells_committed(1);
   return cell_answer(services, call, *services.store.last_cell(map, view.header.session), 201);
@@ -208,6 +212,7 @@ void add_session_routes(Router& router, Services& services) {
                 return create(services, call);
               }});
   router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
+  router.add({"DELETE", one, {}, 0, {}, [&](const Call& call) { return remove(services, call); }});
   router.add({"POST", one + "/cells:lacking", {}, kMaxHashesBody, json, [&](const Call& call) {
                 return lacking(services, call);
               }});

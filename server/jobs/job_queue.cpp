@@ -11,6 +11,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr const char* kIngestKind = "ingest";
+constexpr const char* kMergeKind = "merge";
+
 std::string name_of(JobId id) { return "job " + std::to_string(id.value); }
 
 bool is_same_drive(const IngestRequest& a, const IngestRequest& b) {
@@ -19,12 +22,14 @@ bool is_same_drive(const IngestRequest& a, const IngestRequest& b) {
 
 }  // namespace
 
-/// An unfinished job. Everything but `request` and `upload` is guarded by the queue's mutex.
+/// An unfinished job. Everything but `request`, `merge` and `upload` is guarded by the queue's
+/// mutex.
 struct JobQueue::LiveJob {
   JobRecord record;
-  IngestRequest request;
+  IngestRequest request;              ///< of an ingest
+  std::optional<MergeRequest> merge;  ///< of a merge
   std::stop_source stop;
-  std::unique_ptr<UploadSource> upload;  ///< null for a path
+  std::unique_ptr<UploadSource> upload;  ///< null for a path or a merge
   bool cancel_asked = false;
   std::uint64_t version = 1;
   Clock::time_point started{};
@@ -78,13 +83,29 @@ std::shared_ptr<JobQueue::LiveJob> JobQueue::make_live(JobRecord record,
   return job;
 }
 
+std::shared_ptr<JobQueue::LiveJob> JobQueue::make_live(JobRecord record,
+                                                       MergeRequest request) const {
+  auto job = std::make_shared<LiveJob>();
+  job->record = std::move(record);
+  MapperOptions& mapper = request.options;
+  mapper.loops.registration.threads = mapper.pose_graph.threads = options_.threads;
+  mapper.junction.relocalise.threads = options_.threads;
+  job->merge = std::move(request);
+  return job;
+}
+
+std::shared_ptr<JobQueue::LiveJob> JobQueue::revive(JobRecord record) const {
+  const Json request = parse_json(record.request_json);
+  if (record.kind == kMergeKind) return make_live(std::move(record), parse_merge_request(request));
+  return make_live(std::move(record), parse_ingest_request(request));
+}
+
 void JobQueue::recover() {
   for (auto& record : store_.jobs()) {
     if (is_final(record.state)) continue;
     try {
-      auto request = parse_ingest_request(parse_json(record.request_json));
       record.state = JobState::kQueued;
-      live_.emplace(record.id, make_live(record, std::move(request)));
+      live_.emplace(record.id, revive(record));
       log_->info("{} ({}) goes on after a restart", name_of(record.id), record.map);
     } catch (const Error& error) {
       record.state = JobState::kFailed;
@@ -102,15 +123,12 @@ JobView JobQueue::submit(const std::string& map, const Json& json) {
   const std::lock_guard submit_lock(submit_mutex_);
   {
     const std::lock_guard lock(mutex_);
-    if (stopping_) throw Error(ErrorCode::kUnavailable, "The server is stopping.");
+    require_room();
     for (const auto& [id, job] : live_) {
-      if (job->record.map != map || job->request.session != request.session) continue;
+      if (job->merge || job->record.map != map || job->request.session != request.session) continue;
       if (is_same_drive(job->request, request) && !job->cancel_asked) return view(*job);
       throw Error(ErrorCode::kConflict, "The session '" + request.session + "' is being read by " +
                                             name_of(id) + "; wait for it or cancel it.");
-    }
-    if (live_.size() >= options_.max_unfinished) {
-      throw Error(ErrorCode::kUnavailable, "Too many unfinished jobs; try again later.");
     }
   }
   try {
@@ -123,13 +141,44 @@ JobView JobQueue::submit(const std::string& map, const Json& json) {
   kept["session"] = request.session;
   JobRecord record;
   record.map = map;
-  record.kind = "ingest";
+  record.kind = kIngestKind;
   record.request_json = dump(kept);
   record.scans_total = request.scans_total;
   record = store_.create_job(record);
-  auto job = make_live(record, std::move(request));
+  return start(make_live(record, std::move(request)));
+}
+
+JobView JobQueue::submit_merge(const std::string& map, const Json& json) {
+  MergeRequest request = parse_merge_request(json);
+  if (request.from == map) {
+    throw Error(ErrorCode::kInvalidArgument, "A map cannot be merged with itself.");
+  }
+  store_.map(map);
+  store_.map(request.from);
+  const std::lock_guard submit_lock(submit_mutex_);
+  {
+    const std::lock_guard lock(mutex_);
+    require_room();
+  }
+  JobRecord record;
+  record.map = map;
+  record.kind = kMergeKind;
+  record.request_json = dump(json);
+  record = store_.create_job(record);
+  return start(make_live(record, std::move(request)));
+}
+
+/// Under the mutex.
+void JobQueue::require_room() const {
+  if (stopping_) throw Error(ErrorCode::kUnavailable, "The server is stopping.");
+  if (live_.size() >= options_.max_unfinished) {
+    throw Error(ErrorCode::kUnavailable, "Too many unfinished jobs; try again later.");
+  }
+}
+
+JobView JobQueue::start(std::shared_ptr<LiveJob> job) {
   const std::lock_guard lock(mutex_);
-  live_.emplace(record.id, job);
+  live_.emplace(job->record.id, job);
   changed_.notify_all();
   return view(*job);
 }
@@ -161,7 +210,8 @@ JobView JobQueue::view(const JobRecord& record) {
   try {
     const Json request = parse_json(record.request_json);
     result.session = request.value("session", "");
-    if (!request.contains("path")) result.next_scan = record.scans_done;
+    if (record.kind == kIngestKind && !request.contains("path"))
+      result.next_scan = record.scans_done;
   } catch (const Error&) {
     // A record written by another version: everything else still holds.
   }
@@ -305,17 +355,7 @@ void JobQueue::run(LiveJob& job) {
   };
   try {
     throw_if_stopped(job.stop.get_token());
-    std::unique_ptr<ScanSource> opened;
-    if (job.request.path) opened = open_request(job.request, options_.data_roots);
-    ScanSource& source = opened ? *opened : *job.upload;
-    log_->info("{} reads session '{}' into map '{}'", name_of(job.record.id), job.request.session,
-               job.record.map);
-    {
-      const std::lock_guard lock(mutex_);
-      job.record.scans_done = 0;
-    }
-    run_ingest(maps_, job.record.map, job.request, source, job.stop.get_token(),
-               {keep_progress, keep_cell});
+    carry_out(job, {keep_progress, keep_cell});
     finish(job, JobState::kSucceeded, "", "");
   } catch (const Error& error) {
     const bool stopped = error.code() == ErrorCode::kCancelled;
@@ -328,6 +368,23 @@ void JobQueue::run(LiveJob& job) {
     log_->error("{}: {}", name_of(job.record.id), error.what());
     finish(job, JobState::kFailed, "internal", "A fault of the server; its log says more.");
   }
+}
+
+void JobQueue::carry_out(LiveJob& job, const IngestHooks& hooks) {
+  const std::string name = name_of(job.record.id);
+  if (job.merge) {
+    log_->info("{} merges map '{}' into map '{}'", name, job.merge->from, job.record.map);
+    return run_merge(maps_, job.record.map, *job.merge, job.stop.get_token(), hooks);
+  }
+  std::unique_ptr<ScanSource> opened;
+  if (job.request.path) opened = open_request(job.request, options_.data_roots);
+  ScanSource& source = opened ? *opened : *job.upload;
+  log_->info("{} reads session '{}' into map '{}'", name, job.request.session, job.record.map);
+  {
+    const std::lock_guard lock(mutex_);
+    job.record.scans_done = 0;
+  }
+  run_ingest(maps_, job.record.map, job.request, source, job.stop.get_token(), hooks);
 }
 
 /// `kQueued`: the server stops and the job goes on at the next start.

@@ -18,6 +18,7 @@
 #include "cellmap/store/store.hpp"
 #include "server/api/map_state.hpp"
 #include "server/jobs/ingest_request.hpp"
+#include "server/jobs/merge.hpp"
 #include "server/jobs/upload_source.hpp"
 #include "server/metrics.hpp"
 
@@ -41,8 +42,8 @@ struct JobView {
   std::uint64_t version = 0;  ///< grows with every change while the job is unfinished
 };
 
-/// Runs ingest jobs: drives that the server reads one a map at a time, in order; drives that robots
-/// send at once, side by side. Jobs survive a restart: what was queued or
+/// Runs jobs: drives that the server reads and merges one a map at a time, in order; drives that
+/// robots send at once, side by side. Jobs survive a restart: what was queued or
 /// running is queued again by the constructor and goes on after its last stored CELL. Thread safe.
 /// Every method throws Error{kNotFound} for a job or a map that is not there.
 class JobQueue {
@@ -55,6 +56,9 @@ class JobQueue {
   /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was
   /// asked the same way, else Error{kConflict}. Error{kUnavailable} where there are too many.
   JobView submit(const std::string& map, const Json& request);
+  /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument} for
+  /// the map itself.
+  JobView submit_merge(const std::string& map, const Json& request);
   JobView job(JobId id) const;
   std::vector<JobView> jobs(const std::string& map) const;
   /// Error{kConflict} where the job has ended.
@@ -80,6 +84,10 @@ class JobQueue {
   using LiveJobs = std::map<JobId, std::shared_ptr<LiveJob>>;
 
   std::shared_ptr<LiveJob> make_live(JobRecord record, IngestRequest request) const;
+  std::shared_ptr<LiveJob> make_live(JobRecord record, MergeRequest request) const;
+  std::shared_ptr<LiveJob> revive(JobRecord record) const;
+  void require_room() const;
+  JobView start(std::shared_ptr<LiveJob> job);
   std::shared_ptr<LiveJob> live(JobId id) const;  // null where it has ended
   std::shared_ptr<LiveJob> upload_of(JobId id) const;
   static JobView view(const LiveJob& job);
@@ -88,6 +96,7 @@ class JobQueue {
   void work();
   std::shared_ptr<LiveJob> next_runnable() const;
   void run(LiveJob& job);
+  void carry_out(LiveJob& job, const IngestHooks& hooks);
   void finish(LiveJob& job, JobState state, const std::string& code, const std::string& message);
   void touch(LiveJob& job);
 

@@ -135,12 +135,20 @@ void ingest_rows(const Setting& setting, const AddRow& add) {
   write_dataset(source, folder / "drive");
   for (const int threads : setting.threads) {
     Counts counts;
-    const Contestant ours{[&] { counts = map_in_memory(scans, setting.lattice, threads); }, [] {}};
+    double processor_seconds = 0;
+    const Contestant ours{[&] {
+                            const double begin = processor_s();
+                            counts = map_in_memory(scans, setting.lattice, threads);
+                            processor_seconds = processor_s() - begin;
+                          },
+                          [] {}};
     Effort effort{.seconds = 30, .min_pairs = 2, .max_pairs = 5, .warm_up = false};
     effort.threads = threads;
     if (setting.quick) effort.seconds = 1;
     const Comparison comparison = measure(ours, effort);
     Row row = rate_row(threads, comparison.ours_s, scans.size(), kSimulated, counts);
+    row.extra["processor_ms_per_scan"] =
+        1e3 * processor_seconds / static_cast<double>(scans.size());
     row.extra["peak_rss_mib"] = peak_rss_of_child_mib(folder / "drive", threads);
     row.extra["pairs"] = comparison.pairs;
     row.extra["kept"] = comparison.kept;
@@ -164,22 +172,25 @@ void kitti00_ingest_row(const AddRow& add) {
   const auto source = simulate(options);
   const int threads = 2;
   MapInStore map(threads);
-  double seconds = 0;
+  double seconds = 0, processor_seconds = 0;
   std::size_t scans = 0;
   const auto timed = [&](const auto& step) {
-    const double begin = now_s();
+    const double begin = now_s(), processor_begin = processor_s();
     step();
     seconds += now_s() - begin;
+    processor_seconds += processor_s() - processor_begin;
   };
   while (const auto scan = source->next()) {
     timed([&] { map.add(*scan); });
     if (++scans % 500 != 0) continue;
     std::cerr << scans << " scans, " << map.counts().cells << " CELLs, " << map.counts().loops
-              << " loops, " << static_cast<double>(scans) / seconds << " scans/s, peak "
-              << peak_rss_mib() << " MiB\n";
+              << " loops, " << static_cast<double>(scans) / seconds << " scans/s, "
+              << 1e3 * processor_seconds / static_cast<double>(scans)
+              << " ms of processor a scan, peak " << peak_rss_mib() << " MiB\n";
   }
   timed([&] { map.finish(); });
   Row row = rate_row(threads, seconds, scans, "simulated drive, KITTI 00 route", map.counts());
+  row.extra["processor_ms_per_scan"] = 1e3 * processor_seconds / static_cast<double>(scans);
   row.extra["peak_rss_mib"] = peak_rss_mib();
   row.extra["note"] =
       "with encoding and the commits to the store; the peak memory includes the simulator's";

@@ -49,4 +49,8 @@ double all_threads_waited_s();
 /// Wall clock.
 double now_s();
 
+/// Processor time that all threads of the process have used together: what can be told on a machine
+/// that is busy with other things.
+double processor_s();
+
 }  // namespace cellmap::bench

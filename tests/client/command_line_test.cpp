@@ -70,6 +70,8 @@ TEST(CommandLine, EveryVerbHasHelpWithExamplesAndJson) {
                                                        {"relocalise"},
                                                        {"evaluate", "trajectory"},
                                                        {"evaluate", "relocalisation"},
+                                                       {"evaluate", "diff"},
+                                                       {"diff"},
                                                        {"export", "cloud"},
                                                        {"export", "trajectory"},
                                                        {"export", "graph"}};
@@ -134,6 +136,10 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{{"relocalise", "s.bin", "--map", "m", "--server", "h:1", "--radius", "3"},
               kUsageError,
               "--prior"},
+        Wrong{{"diff", "m", "--server", "h:1", "--sessions", "a"}, kInvalid, "monday,tuesday"},
+        Wrong{{"diff", "m", "--server", "h:1", "--sessions", "a,b", "--radius", "3"},
+              kInvalid,
+              "--near"},
         Wrong{{"export", "cloud", "--server", "h:1", "--map", "m", "--out", "x.obj"},
               kInvalid,
               ".ply or .pcd"}));

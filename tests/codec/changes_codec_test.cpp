@@ -156,6 +156,9 @@ MapChanges random_changes(std::uint32_t seed, std::uint32_t moved) {
     changes.added_constraints.push_back(constraint);
   }
   changes.removed_constraints = {ConstraintId{3}, ConstraintId{9}};
+  changes.judged = {{ConstraintId{4}, {0.0, false}}, {ConstraintId{11}, {0.375, true}}};
+  changes.added_constraints[1].weight = 0.125;
+  changes.added_constraints[2].pinned = true;
   return changes;
 }
 
@@ -191,7 +194,9 @@ TEST(ChangesCodec, EverythingComesBackAndMovedPosesFromTheGrid) {
     EXPECT_EQ(is.information.triangularView<Eigen::Upper>().toDenseMatrix(),
               was.information.triangularView<Eigen::Upper>().toDenseMatrix());
     EXPECT_EQ(is.scores.median_residual_m, was.scores.median_residual_m);
+    EXPECT_EQ(judgement(is), judgement(was));
   }
+  EXPECT_EQ(back.judged, changes.judged);
   EXPECT_EQ(back.removed_constraints, changes.removed_constraints);
 }
 
@@ -251,6 +256,10 @@ TEST(ChangesCodec, BrokenRulesAreRefusedByWriterAndReader) {
   refuses("no number", [](auto& c) { c.added_constraints[0].id = {}; });
   refuses("added constraint",
           [](auto& c) { c.added_constraints[1].id = c.added_constraints[0].id; });
+  refuses("weight", [](auto& c) { c.added_constraints[0].weight = 1.5; });
+  refuses("weight", [](auto& c) { c.judged.begin()->second.weight = NAN; });
+  refuses("judged ones too", [](auto& c) { c.judged[c.added_constraints[0].id] = {}; });
+  refuses("no number", [](auto& c) { c.judged[ConstraintId{0}] = {}; });
   refuses("itself", [](auto& c) { c.added_constraints[0].to = c.added_constraints[0].from; });
 }
 

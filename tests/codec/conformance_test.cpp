@@ -90,9 +90,8 @@ void expect_statistics(const CellStatistics& statistics, const Json& twin) {
 }
 
 void expect_cell(const Cell& cell, const Json& twin) {
-  EXPECT_EQ(twin.at("lattice").at("kind"), cell.lattice.kind == LatticeKind::kFibonacciBands
-                                               ? "FibonacciBands"
-                                               : "Fibonacci");
+  EXPECT_EQ(twin.at("lattice").at("kind"),
+            cell.lattice.kind == LatticeKind::kFibonacciBands ? "FibonacciBands" : "Fibonacci");
   EXPECT_EQ(cell.lattice.size, twin.at("lattice").at("size"));
   EXPECT_EQ(cell.indices, twin.at("indices").get<std::vector<std::uint32_t>>());
   ASSERT_EQ(cell.planes.size(), twin.at("planes").size());
@@ -185,6 +184,8 @@ void expect_constraint(const Constraint& constraint, const Json& twin) {
   EXPECT_EQ(constraint.scores.share_in_front, number_in<double>(scores, "share_in_front"));
   EXPECT_EQ(constraint.scores.share_beyond, number_in<double>(scores, "share_beyond"));
   EXPECT_EQ(constraint.scores.median_residual_m, number_in<double>(scores, "median_residual_m"));
+  EXPECT_EQ(constraint.weight, twin.value("weight", 1.0));
+  EXPECT_EQ(constraint.pinned, twin.value("pinned", false));
 }
 
 TEST(Conformance, PoseGraphsSayWhatTheirTwinsSay) {
@@ -255,6 +256,13 @@ TEST(Conformance, ChangesSayWhatTheirTwinsSay) {
     expect_ids(changes.removed_constraints, decoded.value("removed_constraints", Json::array()));
     expect_ids(std::vector(changes.unaligned.begin(), changes.unaligned.end()),
                decoded.value("unaligned", Json::array()));
+    const Json judged = decoded.value("judged", Json::array());
+    ASSERT_EQ(changes.judged.size(), judged.size());
+    for (const Json& row : judged) {
+      const Judgement found = changes.judged.at(ConstraintId{row.at("id").get<std::uint32_t>()});
+      EXPECT_EQ(found.weight, row.at("weight"));
+      EXPECT_EQ(found.pinned, row.at("pinned"));
+    }
     if (!is_canonical(file) && file.stem() != "beyond-half-a-turn") {
       EXPECT_EQ(encode_changes(changes), read_bytes(canonical_of(file)));
     }

@@ -138,7 +138,7 @@ class Builder:
                 places[ident] = self.reference(value)
             elif kind == "struct":
                 places[ident] = self.push(value, 8)
-            elif value != 0:
+            elif kind == "d" or value != 0:  # the one double has another default, which its caller leaves out
                 places[ident] = self.number(kind, value)
         table = self.number("I", 0)
         count = max(places, default=-1) + 1
@@ -210,8 +210,9 @@ def canonical_pose_graph(t):
 def canonical_constraint(b, c):
     kinds, origins = ["", "Odometry", "Bidirectional", "Loop"], ["", "Mapper", "Detection", "User"]
     s = c.get("scores") or dict.fromkeys(["points", "hits"] + SCORES, 0)
+    judgement = {8: ("d", c["weight"])} if c.get("weight", 1) != 1 else {}
     return b.table({
-        0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
+        **judgement, 9: ("B", c.get("pinned", False)), 0: ("I", c["id"]), 1: ("I", c["from"]), 2: ("I", c["to"]), 3: ("B", kinds.index(c["kind"])),
         4: ("B", origins.index(c["origin"])), 5: ("struct", doubles(c["t_from_to"], POSE)),
         6: ("struct", doubles(c["information"], INFORMATION)),
         7: ("struct", struct.pack("<2I", s["points"], s["hits"]) + doubles(s, SCORES))})
@@ -241,6 +242,12 @@ def canonical_changes(t):
     for ident, name in ((7, "removed_constraints"), (8, "unaligned")):
         if name in t:
             fields[ident] = ("ref", ids(t[name]))
+    if "judged" in t:
+        judged = t["judged"]
+        parts = [ids(judged["constraints"]), b.vector(struct.pack(f"<{len(judged['weight'])}d", *judged["weight"]),
+                                                      len(judged["weight"]), 8),
+                 b.vector(bytes(judged["pinned"]), len(judged["pinned"]), 1)]
+        fields[9] = ("ref", b.table({i: ("ref", part) for i, part in enumerate(parts)}))
     return b.finish(b.table(fields), b"CCHG")
 
 
@@ -347,6 +354,10 @@ GRAPHS = {
              "t_from_to": pose(-1.0, 2.0, 0.1, 3.1), "information": information(0.001), "scores": scores(7, 7)}]},
     "empty-map": {"version": VERSION, "revision": 0, "nodes": [], "constraints": []},
 }
+GRAPHS["judged-loops"] = {
+    "version": VERSION, "revision": 18, "nodes": GRAPHS["three-cells"]["nodes"],
+    "constraints": [{**GRAPHS["three-cells"]["constraints"][2], "id": 10 + i, **judged} for i, judged in enumerate(
+        [{"weight": 0.0}, {"weight": 0.34375}, {"pinned": True}, {"weight": 0.0, "pinned": True}])]}
 
 # --- Changes: columns and the grid of poses, from FORMAT.md --------------------------------------------
 
@@ -390,19 +401,25 @@ def check_rotation(g, rows):
     assert max(abs(u - v) for u, v in zip(found, expected)) < 1e-14, (g, found, expected)
 
 
-def changes(since, revision, moved, added=(), constraints=(), **id_lists):
+def changes(since, revision, moved, added=(), constraints=(), judged=None, **id_lists):
     """moved: CELL -> six coordinates of the grid; id_lists: removed, removed_constraints, unaligned. What the columns
     become is in "decoded", for readers of the twin; flatc never sees it."""
     def ids(values):
         return {"count": len(values), "ids": column(values)}
 
+    decoded = dict(id_lists)
+    if judged:
+        decoded["judged"] = [dict(zip(("id", "weight", "pinned"), row)) for row in judged]
     twin = {"version": VERSION, "since": since, "revision": revision, "added": list(added),
             "added_constraints": list(constraints), **{name: ids(values) for name, values in id_lists.items()}}
+    if judged:
+        columns = [list(column) for column in zip(*judged)]
+        twin["judged"] = {"constraints": ids(columns[0]), "weight": columns[1], "pinned": columns[2]}
     if moved:
         twin["moved"] = {"cells": ids(sorted(moved)), **{name: column([moved[cell][i] for cell in sorted(moved)])
                                                         for i, name in enumerate(COLUMNS)}}
     return {**twin, "decoded": {"moved": [{"cell": cell, "t_map_cell": grid_pose(moved[cell])}
-                                          for cell in sorted(moved)], **id_lists}}
+                                          for cell in sorted(moved)], **decoded}}
 
 
 def added_cell(cell, revision, session):
@@ -427,6 +444,7 @@ CHANGES = {
     # Valid, but a writer takes the other name of the same rotation, within half a turn.
     "beyond-half-a-turn": changes(1, 2, {5: [1, 2, 3, 2**22, -2**22, 2**22], 6: [1, 2, 3, 0, 0, -2**22]}),
     "no-changes": changes(17, 17, {}),
+    "judged-anew": changes(17, 18, {}, judged=[(1, 0.0, False), (7, 0.34375, False), (4_294_967_295, 1.0, True)]),
 }
 
 SCANS = {

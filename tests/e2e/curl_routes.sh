@@ -93,6 +93,9 @@ session=$(curl -sS "$url/v1/maps/town" | python3 -c 'import json, sys; print(jso
 expect 200 - GET "/v1/maps/town/trajectory?session=$session&format=tum"
 expect 400 invalid-argument GET "/v1/maps/town/trajectory?session=$session&format=gpx"
 
+expect 400 invalid-argument GET "/v1/maps/town/diff?sessions=$session,$session"
+expect 404 not-found GET "/v1/maps/town/diff?sessions=$session,atlantis"
+
 expect 200 - POST /v1/maps/town/relocalise "${scan[@]}" --data-binary "@$work/drive/velodyne/000003.bin"
 expect 200 - POST '/v1/maps/town/relocalise?prior=0,0,0,0,0,0,1&radius=20' "${scan[@]}" --data-binary "@$work/drive/velodyne/000003.bin"
 head -c 1001 "$work/drive/velodyne/000003.bin" >"$work/malformed.bin"
@@ -111,6 +114,16 @@ expect 404 not-found GET /v1/maps/town/loops/4000000; expect 404 not-found DELET
 expect 202 - POST /v1/maps/town/jobs "${json[@]}" -d '{"kind":"ingest","upload":true,"session":"second"}'
 expect 422 corrupt-data PUT /v1/jobs/2/scans/0 -H 'Content-Type: application/vnd.cellmap.scan' -d 'nonsense'
 expect 202 - DELETE /v1/jobs/2
+expect 400 invalid-argument PATCH /v1/maps/town/loops/1 "${json[@]}" -d '{"pinned":"yes"}'
+expect 404 not-found PATCH /v1/maps/town/loops/4000000 "${json[@]}" -d '{"pinned":true}'
+expect 404 not-found GET /v1/maps/town/georeference
+expect 400 invalid-argument PUT /v1/maps/town/georeference "${json[@]}" -d '{"latitude_deg":1e999}'
+expect 400 invalid-argument POST /v1/maps/town/merge "${json[@]}" -d '{"from":"town"}'
+expect 404 not-found POST /v1/maps/town/merge "${json[@]}" -d '{"from":"atlantis"}'
+expect 404 not-found POST /v1/maps/town/split "${json[@]}" -d '{"sessions":["nobody"],"into":"new"}'
+expect 404 not-found DELETE /v1/maps/town/sessions/nobody
+expect 200 - POST /v1/maps/town/relocalise "${cell[@]}" --data-binary "@$work/cell"
+expect 422 corrupt-data POST /v1/maps/town/relocalise "${cell[@]}" --data-binary "@$work/truncated"
 
 after=$(curl -sS "$url/v1/maps/town/pose-graph" -H 'Accept: application/json' | sha256sum)
 [[ $before == "$after" ]] || { echo "the wrong inputs changed the map"; failures=$((failures + 1)); }

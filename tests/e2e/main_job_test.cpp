@@ -166,7 +166,7 @@ TEST_F(MainJob, LoopsAreAddedListedAndTakenBack) {
   const LoopReport added = client.add_loop("town", from.id, to.id, T_from_to);
   ASSERT_EQ(added.loops.size(), 1u);
   EXPECT_EQ(added.loops[0].origin, ConstraintOrigin::kUser);
-  EXPECT_EQ(client.loop("town", added.loops[0].id).to, to.id);
+  EXPECT_EQ(client.loop("town", added.loops[0].id).constraint.to, to.id);
   EXPECT_EQ(
       cellmap_json(*work_, {"loops", "list", "town", "--server", server_->url()})["loops"].size(),
       before + 1);
@@ -174,6 +174,45 @@ TEST_F(MainJob, LoopsAreAddedListedAndTakenBack) {
       *work_, {"loops", "detect", "town", std::to_string(to.id.value), "--server", server_->url()});
   client.delete_loop("town", added.loops[0].id);
   EXPECT_THROW(client.loop("town", added.loops[0].id), Error);
+}
+
+TEST_F(MainJob, AMapIsCopiedPlacedDividedAndItsLoopsExplained) {
+  const auto ask = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--server", server_->url()});
+    return cellmap_json(*work_, arguments);
+  };
+  ask({"maps", "create", "copy"});
+  const auto merged = ask({"merge", "copy", "--from", "town", "--sessions", "monday"});
+  EXPECT_EQ(merged["job"]["state"], "succeeded");
+  Client client = server_->client();
+  EXPECT_EQ(hashes(client, "copy"), hashes(client, "town"));
+
+  const auto placed =
+      ask({"maps", "georeference", "copy", "--origin", "49,8.4,110", "--heading", "0"});
+  EXPECT_EQ(placed["georeference"]["latitude_deg"], 49);
+  const CellRecord last = client.all_cells("copy").back();
+  const std::string file = (*work_ / "last.cell").string();
+  ask({"fetch", "copy", std::to_string(last.id.value), "--out", file});
+  const auto found = ask({"relocalise", file, "--map", "copy"});
+  ASSERT_EQ(found["found"], true) << found;
+  // A heading of 0: the map's x axis points north.
+  EXPECT_NEAR(found["geopose"]["position"]["lat"].get<double>(),
+              49 + last.T_map_cell.translation().x() / 111'207, 1e-6);
+
+  const LoopReport added =
+      client.add_loop("copy", CellId{1}, last.id, client.all_cells("copy").front().T_map_cell);
+  const std::string loop = std::to_string(added.loops.at(0).id.value);
+  EXPECT_EQ(ask({"loops", "pin", "copy", loop})["loops"][0]["verdict"], "pinned");
+  EXPECT_EQ(ask({"loops", "show", "copy", loop})["pinned"], true);
+  EXPECT_EQ(ask({"loops", "unpin", "copy", loop})["loops"][0]["pinned"], false);
+
+  EXPECT_EQ(ask({"split", "copy", "--sessions", "monday", "--into", "attic"})["cells"],
+            hashes(client, "town").size());
+  EXPECT_EQ(ask({"info", "copy"})["cells"], 0);
+  EXPECT_TRUE(ask({"sessions", "attic", "--delete", "monday"})["sessions"].empty());
+  EXPECT_TRUE(ask({"maps", "georeference", "copy", "--clear"})["georeference"].is_null());
+  ask({"maps", "delete", "copy"});
+  ask({"maps", "delete", "attic"});
 }
 
 TEST_F(MainJob, AMirrorHasEveryCellAndTheSecondPullFetchesNothing) {

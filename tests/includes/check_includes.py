@@ -21,21 +21,23 @@ ROOMS = {
     "pose_graph": ["core", "geometry", "registration"],
     "place": ["core", "geometry", "scan", "cell", "registration", "pose_graph"],
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
+    "change": ["core", "geometry", "cell", "registration", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
     "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
-    "store": ["core", "geometry", "scan", "cell", "pose_graph", "pipeline", "codec"],
+    "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
+    "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "store"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "pipeline", "codec", "store"],
+               "change", "pipeline", "codec", "store", "document"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "pipeline", "codec", "store", "evaluation", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "document", "evaluation", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it
 VENDORS = {
-    r"ceres/": ["pose_graph"],
+    r"ceres/|omp\.h": ["pose_graph"],
     r"pcl/": ["pcl"],
     r"(oneapi/)?tbb/": ["core"],
     r"hwy/": ["simd"],
@@ -44,15 +46,16 @@ VENDORS = {
     r"flatbuffers/": ["codec"],
     r"SQLiteCpp/|sqlite3\.h": ["store"],
     r"embree3/": ["simulation"],
+    r"GeographicLib/": ["map"],
     r"httplib\.h": ["server", "client"],
-    r"nlohmann/": ["codec", "server", "client", "evaluation"],
+    r"nlohmann/": ["codec", "document", "server", "client", "evaluation"],
     r"CLI/": ["server", "client"],
     r"spdlog/": ["server", "client"],
     r"prometheus/": ["server"],
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <random>
 
@@ -131,6 +132,18 @@ TEST(PoseGraph, ThePosesDoNotDependOnTheThreadCount) {
   options.threads = 2;
   optimize(two, options);
   for (const auto& [id, T] : one.nodes) EXPECT_EQ(T.matrix(), two.nodes.at(id).matrix());
+}
+
+TEST(PoseGraph, OneThreadIsOneThread) {
+  const auto threads = [] {
+    const std::filesystem::directory_iterator tasks("/proc/self/task");
+    return std::distance(begin(tasks), end(tasks));
+  };
+  std::mt19937 rng(5);
+  PoseGraph graph = random_graph(rng, 300, 600);  // blocks large enough for CHOLMOD's own threads
+  const auto before = threads();
+  optimize(graph);
+  EXPECT_EQ(threads(), before) << "a library underneath has started some of its own";
 }
 
 TEST(PoseGraph, AnOptimisedGraphDoesNotMoveAgain) {

@@ -5,7 +5,7 @@
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/pose_graph/edit.hpp"
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/chains.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
 namespace cellmap {
@@ -273,7 +273,7 @@ TEST(Sessions, StayWhereTheyAreWithoutEnoughLoopsThatAgree) {
     world.false_loops(from, to, 1, rng);
   }
   const auto before = world.graph.nodes;
-  for (const auto& [id, T] : island_start(world.graph, 2, 4)) {
+  for (const auto& [id, T] : chain_start(world.graph, 2, 4)) {
     EXPECT_EQ(T.matrix(), before.at(id).matrix());
   }
 }
@@ -304,7 +304,7 @@ TEST(ConsistentLoops, AreTheTrueOnesAmongMoreFalseOnes) {
 }
 
 /// Two exact sessions and a loop measured from either side: the motion is known in closed form.
-TEST(IslandStart, MovesASessionAsARigidBodyToWhereItsLoopSays) {
+TEST(ChainStart, MovesASessionAsARigidBodyToWhereItsLoopSays) {
   for (const bool from_first : {true, false}) {
     std::mt19937 rng(9);
     World world = sessions(2, 0, 0);
@@ -316,7 +316,7 @@ TEST(IslandStart, MovesASessionAsARigidBodyToWhereItsLoopSays) {
     loop.to = {from_first ? 102u : 12u};
     loop.T_from_to = world.between(loop.from.value, loop.to.value);
     world.graph.constraints.push_back(loop);
-    const auto found = island_start(world.graph, 1, 4);
+    const auto found = chain_start(world.graph, 1, 4);
     const Pose T = found.at(loop.from).inverse() * found.at(loop.to);
     EXPECT_LT(log(T.inverse() * loop.T_from_to).norm(), 1e-9);
     for (std::uint32_t i = 100; i < 129; ++i) {

@@ -1,8 +1,11 @@
 #include "cellmap/codec/pose_graph_codec.hpp"
+#include "cellmap/codec/zstd.hpp"
 #include "server/server_fixture.hpp"
 
 namespace cellmap::server::test {
 namespace {
+
+using ::testing::Contains;
 
 const Headed kAcceptJson{"Accept", "application/json"};
 constexpr const char* kGraph = "/v1/maps/town/pose-graph";
@@ -34,6 +37,16 @@ TEST_F(ApiGraph, BothFormsOfThePoseGraphAgree) {
   ASSERT_EQ(graph.nodes.size(), json["nodes"].size());
   ASSERT_EQ(graph.constraints.size(), json["constraints"].size());
   EXPECT_EQ(graph.nodes.at({2}).translation().x(), json["nodes"][1]["pose"][0].get<double>());
+}
+
+TEST_F(ApiGraph, ThePoseGraphIsCompressedForWhoAccepts) {
+  ASSERT_EQ(add_loop(1, 2, 6.5).status, 201);
+  const auto plain = get(kGraph), packed = get(kGraph, {{"Accept-Encoding", "zstd"}});
+  EXPECT_EQ(packed.headers.get("Content-Encoding"), "zstd");
+  EXPECT_EQ(to_text(zstd_decompress(as_bytes(body_view(packed)), 1 << 20)), body_view(plain));
+  EXPECT_NE(packed.headers.get("ETag"), plain.headers.get("ETag"));
+  EXPECT_EQ(packed.headers.get("Vary"), "Accept, Accept-Encoding");
+  EXPECT_EQ(get(kGraph, {{"If-None-Match", *packed.headers.get("ETag")}}).status, 304);
 }
 
 TEST_F(ApiGraph, AnEarlierRevisionIsServedAsItWas) {
@@ -98,7 +111,48 @@ TEST_F(ApiGraph, LoopsAreListedAndShownAsPosted) {
   EXPECT_EQ(loop["kind"], "loop");
   EXPECT_EQ(loop["pose"][0], 12.5);
   EXPECT_EQ(json_of(get(kLoops))["loops"][0], loop);
-  EXPECT_EQ(json_of(get(*made.headers.get("Location"))), loop);
+  const Json shown = json_of(get(*made.headers.get("Location")));
+  for (const auto& [key, value] : loop.items()) EXPECT_EQ(shown[key], value) << key;
+  EXPECT_NEAR(shown["gap_m"], 0, 1e-6) << "nothing contradicts it";
+  EXPECT_NEAR(shown["chi2"], 0, 1e-6);
+  EXPECT_EQ(shown["verdict"], "accepted");
+}
+
+TEST_F(ApiGraph, ALoopThatTheOthersContradictIsRejectedExplainedAndMayBePinned) {
+  for (int i = 0; i < 2; ++i) {
+    ASSERT_EQ(add_loop(1, 2, 6 + 0.001 * i).status, 201);
+    ASSERT_EQ(add_loop(2, 3, 6 + 0.001 * i).status, 201);
+  }
+  const auto made = add_loop(1, 3, 40);  // the others say 12 m
+  const std::string path = *made.headers.get("Location");
+  EXPECT_EQ(json_of(made)["loops"][0]["verdict"], "rejected");
+  const Json before = json_of(get(path));
+  EXPECT_EQ(before["weight"], 0.0);
+  EXPECT_NEAR(before["gap_m"], 28, 0.1);
+  EXPECT_NEAR(x_of(2), 12, 0.1);
+
+  const Json pinned = json_of(patch(path, R"({"pinned":true})"));
+  EXPECT_EQ(pinned["verdict"], "pinned");
+  EXPECT_EQ(pinned["weight"], 1.0);
+  EXPECT_GE(pinned["moved"], 1);
+  EXPECT_LT(pinned["gap_m"], 20) << "it counts now";
+  const Json changes =
+      json_of(get("/v1/maps/town/changes?since=" + before["revision"].dump(), {kAcceptJson}));
+  EXPECT_THAT(changes["judged"],
+              Contains(Json{{"id", before["id"]}, {"weight", 1.0}, {"pinned", true}}));
+
+  const Json unpinned = json_of(patch(path, R"({"pinned":false})"));
+  EXPECT_EQ(unpinned["verdict"], "rejected");
+  EXPECT_NEAR(x_of(2), 12, 0.1);
+}
+
+TEST_F(ApiGraph, WrongPinsAreRefused) {
+  ASSERT_EQ(add_loop(1, 3, 12.5).status, 201);
+  const std::string one = std::string(kLoops) + "/1";
+  expect_problem(patch(one, "{}"), 400, "invalid-argument");
+  expect_problem(patch(one, R"({"pinned":1})"), 400, "invalid-argument");
+  expect_problem(patch(std::string(kLoops) + "/77", R"({"pinned":true})"), 404, "not-found");
+  expect_problem(send("PATCH", one, "{}", {{"Content-Type", "text/plain"}}), 415, "unsupported");
 }
 
 TEST_F(ApiGraph, WrongLoopsAreRefusedAndChangeNothing) {

@@ -63,6 +63,33 @@ TEST_F(ApiRelocalise, AScanOfAnotherPlaceIsHonestlyNotFound) {
   for (const auto& other : json["alternatives"]) EXPECT_FALSE(other["accepted"]);
 }
 
+TEST_F(ApiRelocalise, APriorMayComeWithACovariance) {
+  const std::string scan = kitti_bytes(new_scan(level_pose(8, 0.4, 4)));
+  const auto around = [](double y, double sigma_m) {
+    const std::string variance = std::to_string(sigma_m * sigma_m);
+    return "?prior=9," + std::to_string(y) + ",0,0,0,0,1&prior_covariance=" + variance +
+           ",0,0,0,0,0," + variance + ",0,0,0,0," + variance + ",0,0,0,0.01,0,0,0.01,0,0.01";
+  };
+  EXPECT_TRUE(json_of(ask(around(0, 1), scan))["found"]);
+  EXPECT_FALSE(json_of(ask(around(9, 0.5), scan))["found"]) << "it is not where the prior allows";
+  expect_problem(ask(around(0, 1) + "&radius=3", scan), 400, "invalid-argument");
+  expect_problem(ask("?prior_covariance=1,2", scan), 400, "invalid-argument");
+  expect_problem(ask("?prior=9,0,0,0,0,0,1&prior_covariance=" + std::string("0,0,0,0,0,0,") +
+                         "0,0,0,0,0,0,0,0,0,0,0,0,0,0,0",
+                     scan),
+                 400, "invalid-argument");
+}
+
+TEST_F(ApiRelocalise, EveryPlaceComesWithItsEvidence) {
+  const Json json = json_of(ask("", kitti_bytes(new_scan(level_pose(7, 0.2, 90)))));
+  ASSERT_TRUE(json["found"]);
+  EXPECT_GE(json["confidence"], 0.5);
+  std::uint64_t points = 0;
+  for (const auto& count : json["residuals"]["points"]) points += count.get<std::uint64_t>();
+  EXPECT_EQ(json["residuals"]["points"].size(), json["residuals"]["borders_m"].size() + 1);
+  EXPECT_GT(points, 100u);
+}
+
 TEST_F(ApiRelocalise, AnEmptyMapFindsNothing) {
   post("/v1/maps", R"({"name":"empty"})");
   const auto answer = send("POST", "/v1/maps/empty/relocalise", kitti_bytes(street_scan(0).points),

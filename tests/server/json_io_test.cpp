@@ -65,7 +65,7 @@ TEST(JsonIo, WritesASymmetricMatrixAsItsUpperTriangleAndReadsItBack) {
 }
 
 TEST(JsonIo, WritesTimesAsRfc3339) {
-  EXPECT_EQ(rfc3339(951'782'400'123'456'789), "2000-02-29T00:00:00.123Z");
+  EXPECT_EQ(to_rfc3339(951'782'400'123'456'789), "2000-02-29T00:00:00.123Z");
 }
 
 }  // namespace

@@ -126,6 +126,9 @@ class ApiTest : public ::testing::Test {
   Response post(const std::string& target, const std::string& json) {
     return send("POST", target, json, {{"Content-Type", "application/json"}});
   }
+  Response patch(const std::string& target, const std::string& json) {
+    return send("PATCH", target, json, {{"Content-Type", "application/json"}});
+  }
 
   static Json json_of(const Response& response) { return Json::parse(body_view(response)); }
 

@@ -92,9 +92,10 @@ TEST(SquaredRanges, AreTheExtremesOfTheRangesWithTheSameBitsOnEveryInstructionSe
       slow.push_back(x * x + y * y + z * z);
     }
     test::for_each_instruction_set([&](const std::string& name) {
-      const SquaredRanges extremes = squared_ranges(patch.view());
+      const auto [both, extremes] = moments_and_ranges(patch.view());
       EXPECT_EQ(extremes.min, *std::min_element(slow.begin(), slow.end())) << name;
       EXPECT_EQ(extremes.max, *std::max_element(slow.begin(), slow.end())) << name;
+      EXPECT_EQ(values(both), values(moments(patch.view()))) << name;
       std::vector<double> found(padded(count));
       ranges(patch.view(), found.data());
       for (std::size_t i = 0; i < count; ++i) EXPECT_EQ(found[i], std::sqrt(slow[i])) << name;

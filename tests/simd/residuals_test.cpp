@@ -15,8 +15,9 @@ namespace {
 /// Points within 60 m and a table of planes, most of which pass within 2 m of their point.
 struct Sample {
   std::vector<float> x, y, z, weights;
-  std::vector<HessePlane> planes = {{0, 0, 0, HUGE_VALF}};
-  std::vector<std::uint32_t> slot;
+  std::vector<HessePlane> planes = {kNoPlane};
+  std::vector<std::uint32_t> index;  // of lattice points, those of the table from kFirst on
+  static constexpr std::uint32_t kFirst = 1'000;
 
   explicit Sample(std::size_t count) {
     std::mt19937 rng(7);
@@ -28,11 +29,18 @@ struct Sample {
       x.push_back(p.x()), y.push_back(p.y()), z.push_back(p.z());
       weights.push_back(unit(rng));
       const HessePlane plane = {n.x(), n.y(), n.z(), n.dot(p) - distance(rng)};
-      planes.insert(planes.begin() + 1, plane);  // slots fall as points rise
-      slot.push_back(i % 9 == 0 ? 0 : static_cast<std::uint32_t>(count - i));
+      planes.insert(planes.begin(), plane);  // indices fall as points rise
+      const auto found = static_cast<std::uint32_t>(kFirst + count - 1 - i);
+      // One in nine lies below or above the table or nowhere.
+      const std::uint32_t beyond[] = {kFirst - 1, kFirst + static_cast<std::uint32_t>(count),
+                                      0xFFFF'FFFF};
+      index.push_back(i % 9 == 0 ? beyond[i / 9 % 3] : found);
     }
   }
   Points points() const { return {x.data(), y.data(), z.data()}; }
+  PlaneTable table() const {
+    return {planes.data(), kFirst, static_cast<std::uint32_t>(planes.size() - 1)};
+  }
   Eigen::Vector3d point(std::size_t i) const { return {x[i], y[i], z[i]}; }
 };
 
@@ -64,7 +72,7 @@ struct SlowSums {
       const double w = weight_of(weights, i, d);
       if (!(std::abs(d) <= weights.gate_m)) continue;
       ++sums.points;
-      const HessePlane& plane = sample.planes[sample.slot[i]];
+      const HessePlane& plane = sample.table().of(sample.index[i]);
       const Eigen::Vector3d n(plane.nx, plane.ny, plane.nz);
       Eigen::Matrix<double, 6, 1> J;
       J << n, sample.point(i).cross(n);
@@ -84,14 +92,14 @@ struct SlowSums {
 TEST(Accumulate, IsTheSumOverPointsForEveryKernelLengthAndInstructionSet) {
   const Sample sample(1'024);
   std::vector<float> distance(1'024);
-  distances(sample.planes.data(), sample.slot.data(), sample.points(), 1'024, distance.data());
+  distances(sample.table(), sample.index.data(), sample.points(), 1'024, distance.data());
   test::for_each_instruction_set([&](const std::string& name) {
     for (const Weighting weighting :
          {Weighting::kOne, Weighting::kCauchy, Weighting::kGemanMcClure, Weighting::kGiven}) {
       const Weights weights{weighting, 1.0f, 5.0f, sample.weights.data()};
       for (const std::size_t count : {0, 1, 3, 15, 16, 17, 511, 512, 1'024}) {
         NormalSums sums;
-        accumulate(sample.planes.data(), sample.slot.data(), sample.points(), count, weights, sums);
+        accumulate(sample.table(), sample.index.data(), sample.points(), count, weights, sums);
         const SlowSums slow(sample, distance, count, weights);
         EXPECT_EQ(sums.points, slow.sums.points) << name << ' ' << count;
         // A few units in the last place of a float for each of at most 1,024 additions a lane.
@@ -136,7 +144,7 @@ TEST(Distances, HaveTheSameBitsOnEveryInstructionSet) {
   std::vector<float> first;
   test::for_each_instruction_set([&](const std::string& name) {
     std::vector<float> found(1'003);
-    distances(sample.planes.data(), sample.slot.data(), sample.points(), 1'003, found.data());
+    distances(sample.table(), sample.index.data(), sample.points(), 1'003, found.data());
     if (first.empty()) first = found;
     EXPECT_EQ(found, first) << name;
   });

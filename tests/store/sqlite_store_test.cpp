@@ -91,6 +91,36 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
   expect_refused(ErrorCode::kUnsupported, "version 99");
 }
 
+TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
+  make_store();
+  run_sql(file_, R"sql(
+      DROP INDEX pose_constraint_by_judged;
+      ALTER TABLE pose_constraint DROP COLUMN weight;
+      ALTER TABLE pose_constraint DROP COLUMN pinned;
+      ALTER TABLE pose_constraint DROP COLUMN judged;
+      ALTER TABLE cell DROP COLUMN scans;
+      ALTER TABLE cell DROP COLUMN raw_points;
+      ALTER TABLE cell DROP COLUMN voxel_points;
+      ALTER TABLE map DROP COLUMN next_cell;
+      ALTER TABLE map DROP COLUMN oldest;
+      ALTER TABLE map DROP COLUMN latitude_deg;
+      ALTER TABLE map DROP COLUMN longitude_deg;
+      ALTER TABLE map DROP COLUMN height_m;
+      ALTER TABLE map DROP COLUMN R_enu_map;
+      PRAGMA user_version = 2)sql");
+  const auto store = open_sqlite_store(file_);
+  const PoseGraph graph = store->pose_graph("town");
+  EXPECT_EQ(graph.nodes.size(), 5u);
+  ASSERT_EQ(graph.constraints.size(), 1u);
+  EXPECT_EQ(graph.constraints[0].weight, 1);
+  EXPECT_FALSE(store->map("town").georeference);
+  MapUpdate removal;
+  removal.remove_sessions = {"drive"};
+  store->commit("town", removal);
+  EXPECT_EQ(store->map("town").cells, 0u);
+  EXPECT_EQ(store->pose_graph("town").new_cell_id(), CellId{5});
+}
+
 TEST_F(SqliteStoreTest, AnEmptyFileBecomesAStore) {
   folder_.write("test.cellmap", "");
   EXPECT_NO_THROW(open_sqlite_store(file_)->check_ready());

@@ -418,6 +418,37 @@ Session Client::create_session(const std::string& map, const SessionInfo& sessio
       impl_->send_json(json_request("POST", map_path(map) + "/sessions", body)));
 }
 
+void Client::delete_session(const std::string& map, const std::string& name) {
+  impl_->transport.perform({"DELETE", map_path(map) + "/sessions/" + name, {}, ""});
+}
+
+Job Client::merge(const std::string& map, const std::string& from,
+                  const std::set<std::string>& sessions) {
+  Json body{{"from", from}};
+  if (!sessions.empty()) body["sessions"] = sessions;
+  HttpRequest request = json_request("POST", map_path(map) + "/merge", body);
+  request.idempotent = false;
+  return client::job_from_json(impl_->send_json(request));
+}
+
+MapInfo Client::split(const std::string& map, const std::set<std::string>& sessions,
+                      const std::string& into) {
+  HttpRequest request =
+      json_request("POST", map_path(map) + "/split", {{"sessions", sessions}, {"into", into}});
+  request.idempotent = false;
+  return client::map_info_from_json(impl_->send_json(request));
+}
+
+void Client::set_georeference(const std::string& map,
+                              const std::optional<Georeference>& georeference) {
+  const std::string path = map_path(map) + "/georeference";
+  if (!georeference) {
+    impl_->transport.perform({"DELETE", path, {}, ""});
+  } else {
+    impl_->send_json(json_request("PUT", path, client::to_json(*georeference)));
+  }
+}
+
 std::vector<ContentHash> Client::lacking_cells(const std::string& map, const std::string& session,
                                                std::span<const ContentHash> hashes) {
   Json list = Json::array();
@@ -441,8 +472,9 @@ SessionCell Client::put_session_cell(const std::string& map, const EncodedCell& 
   return result;
 }
 
-Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan,
-                                  const std::optional<PosePrior>& prior) {
+namespace {
+
+HttpRequest relocalise_request(const std::string& map, const std::optional<PosePrior>& prior) {
   Query url;
   if (prior) {
     url.add("prior", comma_separated(to_xyz_qxyzw(prior->T_map_scan)));
@@ -451,6 +483,21 @@ Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan
   }
   HttpRequest request{"POST", map_path(map) + "/relocalise" + url.text(), {}, ""};
   request.headers["accept"] = "application/json";
+  return request;
+}
+
+}  // namespace
+
+Relocalisation Client::relocalise(const std::string& map, const EncodedCell& cell,
+                                  const std::optional<PosePrior>& prior) {
+  HttpRequest request = relocalise_request(map, prior);
+  impl_->set_body(request, cell.bytes, kCellType);
+  return client::relocalisation_from_json(impl_->send_json(request));
+}
+
+Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan,
+                                  const std::optional<PosePrior>& prior) {
+  HttpRequest request = relocalise_request(map, prior);
   PosedScan posed;
   posed.points = scan;
   impl_->set_body(request, encode_scan(posed), kScanType);
@@ -461,8 +508,8 @@ LoopList Client::loops(const std::string& map) {
   return client::loop_list_from_json(impl_->get_json(map_path(map) + "/loops"));
 }
 
-Constraint Client::loop(const std::string& map, ConstraintId id) {
-  return client::constraint_from_json(
+ConstraintReport Client::loop(const std::string& map, ConstraintId id) {
+  return client::constraint_report_from_json(
       impl_->get_json(map_path(map) + "/loops/" + std::to_string(id.value)));
 }
 
@@ -479,6 +526,14 @@ LoopReport Client::detect_loops(const std::string& map, CellId cell) {
   HttpRequest request = json_request("POST", map_path(map) + "/loops", {{"detect", cell.value}});
   request.idempotent = false;
   return client::loop_report_from_json(impl_->send_json(request));
+}
+
+LoopReport Client::pin_loop(const std::string& map, ConstraintId id, bool pinned) {
+  const Json json = impl_->send_json(json_request(
+      "PATCH", map_path(map) + "/loops/" + std::to_string(id.value), {{"pinned", pinned}}));
+  LoopReport report = client::loop_report_from_json(json);
+  report.loops = {client::constraint_from_json(json)};
+  return report;
 }
 
 LoopReport Client::delete_loop(const std::string& map, ConstraintId id) {

@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <stop_token>
 #include <string>
@@ -98,6 +99,9 @@ class Client {
   void for_each_cell(const std::string& map, std::span<const CellRecord> cells,
                      const std::function<void(const CellRecord&, const EncodedCell&)>& on_cell);
 
+  /// Where the map lies on Earth; nullopt takes it back. Relocalisation then also says GeoPoses.
+  void set_georeference(const std::string& map, const std::optional<Georeference>& georeference);
+
   // --- pose graph -----------------------------------------------------------------------------
 
   PoseGraph pose_graph(const std::string& map, std::optional<Revision> revision = {});
@@ -135,20 +139,37 @@ class Client {
   /// Error{kConflict} for one that is not next.
   SessionCell put_session_cell(const std::string& map, const EncodedCell& cell);
 
+  /// Removes a session with its CELLs and constraints. Error{kConflict} while jobs are unfinished.
+  void delete_session(const std::string& map, const std::string& name);
+  /// Starts the job that copies sessions (empty: all) of map `from` into a map and joins them to
+  /// it. Not idempotent, but done twice it changes nothing more.
+  Job merge(const std::string& map, const std::string& from,
+            const std::set<std::string>& sessions = {});
+  /// Moves sessions into a new map, which is returned.
+  MapInfo split(const std::string& map, const std::set<std::string>& sessions,
+                const std::string& into);
+
   // --- relocalisation and loops ---------------------------------------------------------------
 
   /// Where a scan (sensor frame) was taken. "Not found" is an answer, no error.
   Relocalisation relocalise(const std::string& map, const PointCloud& scan,
                             const std::optional<PosePrior>& prior = {});
+  /// Where a CELL of the map's lattice was built: found more surely than one scan. The answer's
+  /// scan is the CELL.
+  Relocalisation relocalise(const std::string& map, const EncodedCell& cell,
+                            const std::optional<PosePrior>& prior = {});
 
   LoopList loops(const std::string& map);
-  Constraint loop(const std::string& map, ConstraintId id);
+  /// With its evidence, and how it stands at the poses of now.
+  ConstraintReport loop(const std::string& map, ConstraintId id);
   /// Adds a measured constraint and optimises. `information` (translation, rotation) defaults to
   /// the server's. Not idempotent: a broken connection leaves it open whether it was added.
   LoopReport add_loop(const std::string& map, CellId from, CellId to, const Pose& T_from_to,
                       const std::optional<Matrix6d>& information = {});
   /// Looks for loops of a CELL, adds what passes and optimises.
   LoopReport detect_loops(const std::string& map, CellId cell);
+  /// A pinned loop counts in full, whatever contradicts it; optimises.
+  LoopReport pin_loop(const std::string& map, ConstraintId id, bool pinned);
   /// Removes a loop and optimises without it.
   LoopReport delete_loop(const std::string& map, ConstraintId id);
 

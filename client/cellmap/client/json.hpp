@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "cellmap/client/resources.hpp"
+#include "cellmap/document/json.hpp"
 #include "cellmap/evaluation/trajectory_metrics.hpp"
 
 /// The JSON of the HTTP API (schema/openapi.yaml) from and to the library's types. Not installed:
@@ -13,7 +14,9 @@
 /// All `*_from_json` throw Error{kCorruptData} naming what is missing or of the wrong type.
 namespace cellmap::client {
 
-using Json = nlohmann::ordered_json;
+using document::Json;
+using document::to_json;
+using document::to_rfc3339;
 
 /// Parses a bounded, untrusted document: at most 32 levels deep. Throws Error{kCorruptData}.
 Json parse_json(std::string_view text);
@@ -26,20 +29,14 @@ std::uint64_t unsigned_member(const Json& json, const char* key);
 /// One line, or indented for people. Text that is not UTF-8 is replaced, never an error.
 std::string dump(const Json& json, bool indented = true);
 
-Json to_json(const Pose& pose);  ///< [x, y, z, qx, qy, qz, qw]
 Pose pose_from_json(const Json& json);
-Json to_json(const Matrix6d& matrix);  ///< 21 numbers, upper triangle by rows
 Matrix6d matrix_from_json(const Json& json);
 
-/// RFC 3339, UTC, for example "2026-11-22T03:45:09.25Z".
-std::string to_rfc3339(Stamp unix_time);
 /// Throws Error{kCorruptData} for anything that is not an RFC 3339 time.
 Stamp stamp_from_rfc3339(const std::string& text);
 
-Json to_json(const MapInfo& map);
 MapInfo map_info_from_json(const Json& json);
 
-Json to_json(const CellRecord& cell);
 CellRecord cell_record_from_json(const Json& json);
 Json to_json(const CellPage& page);
 CellPage cell_page_from_json(const Json& json);
@@ -49,9 +46,7 @@ SessionCell session_cell_from_json(const Json& json);
 ContentHash content_hash_from_json(const Json& json);
 PutCellResult put_cell_result_from_json(const Json& json);
 
-Json to_json(const RegistrationScores& scores);
 RegistrationScores scores_from_json(const Json& json);
-Json to_json(const Constraint& constraint);
 Constraint constraint_from_json(const Json& json);
 Json constraints_to_json(const std::vector<Constraint>& constraints);
 Changes changes_from_json(const Json& json);
@@ -61,6 +56,7 @@ Json to_json(const Relocalisation& answer);
 Relocalisation relocalisation_from_json(const Json& json);
 
 Json to_json(const LoopList& list);
+ConstraintReport constraint_report_from_json(const Json& json);
 LoopList loop_list_from_json(const Json& json);
 Json to_json(const LoopReport& report);
 LoopReport loop_report_from_json(const Json& json);

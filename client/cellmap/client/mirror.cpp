@@ -126,6 +126,12 @@ void apply_changes(const Changes& changes, Mirror& mirror) {
     mirror.cells.erase(id);
     graph.nodes.erase(id);
   }
+  for (Constraint& constraint : graph.constraints) {
+    const auto judged = changes.judged.find(constraint.id);
+    if (judged == changes.judged.end()) continue;
+    constraint.weight = judged->second.weight;
+    constraint.pinned = judged->second.pinned;
+  }
   graph.unaligned = changes.unaligned;
   graph.revision = mirror.revision = changes.revision;
 }

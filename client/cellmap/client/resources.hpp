@@ -14,6 +14,7 @@
 #include "cellmap/geometry/pose.hpp"
 #include "cellmap/place/loop_detection.hpp"
 #include "cellmap/place/relocalise.hpp"
+#include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/scan/scan_source.hpp"
 #include "cellmap/store/store.hpp"
@@ -83,6 +84,7 @@ enum class TrajectoryStage { kOdometry, kCorrected };
 struct Relocalisation {
   RelocalisationAnswer answer;
   std::optional<ContentHash> cell_hash;  ///< of the CELL that `found` was registered to
+  std::optional<GeoPose> geopose;        ///< of `found`; where the map has a georeference
   Revision revision = 0;
   double time_ms = 0;  ///< spent in the server
 };

@@ -35,13 +35,14 @@ class BandFit {
     const auto count = static_cast<std::uint32_t>(points.size());
     if (count == 0 || !rules_.has_enough_points(count, part_)) return;
     points.keep(count);
-    const simd::SquaredRanges range2 = simd::squared_ranges(points.view());
+    const auto [moments, range2] = simd::moments_and_ranges(points.view());
     const double min_m = std::sqrt(range2.min), max_m = std::sqrt(range2.max);
     if (has_gap(points, min_m, max_m)) {
       rules_.reject_gap(part_);
       return;
     }
     points_[used_] = points;
+    moments_[used_] = {points.origin(), moments};
     extents_[used_] = {index, count, min_m, max_m};
     if (++used_ == kPatchesAFit) flush();
   }
@@ -61,7 +62,8 @@ class BandFit {
         planes[k] = fit_plane_ransac(points_[k], options_, extents_[k].index);
       }
     } else {
-      fit_planes_trimmed(std::span(points_).first(used_), options_, planes);
+      fit_planes_trimmed(std::span(points_).first(used_), std::span(moments_).first(used_),
+                         options_, planes);
     }
     for (std::size_t k = 0; k < used_; ++k) rules_.judge(extents_[k], planes[k], part_);
     used_ = 0;
@@ -72,6 +74,7 @@ class BandFit {
   const CellBuildOptions& options_;
   BandPoints band_;
   std::array<PatchPoints, kPatchesAFit> points_;
+  std::array<MomentsAbout, kPatchesAFit> moments_;  // about their origins
   std::array<PatchExtent, kPatchesAFit> extents_;
   std::size_t used_ = 0;
   std::vector<double> ranges_m_;

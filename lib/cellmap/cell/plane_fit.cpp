@@ -5,6 +5,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "cellmap/simd/plane_batch.hpp"
@@ -78,17 +79,14 @@ std::optional<FittedPlane> fit_plane(const PatchPoints& points) {
   return plane;
 }
 
-void fit_planes_trimmed(std::span<const PatchPoints> patches, const CellBuildOptions& options,
-                        FittedPlanes planes) {
-  assert(patches.size() <= kPatchesAFit);
-  std::array<MomentsAbout, kPatchesAFit> all, kept;
+void fit_planes_trimmed(std::span<const PatchPoints> patches, std::span<const MomentsAbout> moments,
+                        const CellBuildOptions& options, FittedPlanes planes) {
+  assert(patches.size() <= kPatchesAFit && moments.size() == patches.size());
+  std::array<MomentsAbout, kPatchesAFit> kept;
   std::array<std::size_t, kPatchesAFit> refitted;  // whose moments `kept` holds
   std::array<std::optional<FittedPlane>, kPatchesAFit> next;
-  for (std::size_t k = 0; k < patches.size(); ++k) {
-    all[k] = {patches[k].origin(), simd::moments(patches[k].view())};
-    refitted[k] = k;
-  }
-  fit_planes(std::span(all).first(patches.size()), planes);
+  std::iota(refitted.begin(), refitted.end(), std::size_t{0});
+  fit_planes(moments, planes);
   std::size_t left = patches.size();
   for (int refit = 0; refit < kRefits; ++refit) {
     std::size_t count = 0;
@@ -96,7 +94,7 @@ void fit_planes_trimmed(std::span<const PatchPoints> patches, const CellBuildOpt
       const std::size_t k = refitted[i];
       if (!planes[k]) continue;
       const simd::Moments off = moments_off_plane(patches[k], *planes[k], options.trim_rms_factor);
-      kept[count] = {all[k].origin, all[k].moments - off};
+      kept[count] = {moments[k].origin, moments[k].moments - off};
       if (off.count == 0 || kept[count].moments.count < options.min_points) continue;
       refitted[count++] = k;
     }

@@ -41,11 +41,11 @@ std::optional<FittedPlane> fit_plane(const PatchPoints& points);
 simd::Moments moments_off_plane(const PatchPoints& points, const FittedPlane& plane,
                                 double rms_factor);
 
-/// `fit_planes` of at most kPatchesAFit patches, repeated twice over the points within
-/// `trim_rms_factor` rms of the last plane.
+/// `fit_planes` of at most kPatchesAFit patches from the moments of all their points, repeated
+/// twice over the points within `trim_rms_factor` rms of the last plane.
 constexpr std::size_t kPatchesAFit = simd::PlaneBatch::kSize;
-void fit_planes_trimmed(std::span<const PatchPoints> patches, const CellBuildOptions& options,
-                        FittedPlanes planes);
+void fit_planes_trimmed(std::span<const PatchPoints> patches, std::span<const MomentsAbout> moments,
+                        const CellBuildOptions& options, FittedPlanes planes);
 
 /// The paper's fit: the plane through three drawn points that most points agree with, then
 /// `fit_plane` over those. The draws depend on options.seed and `patch` only. Leaves those points

@@ -6,33 +6,33 @@
 #include <utility>
 
 #include "cellmap/core/parallel.hpp"
+#include "cellmap/simd/runs.hpp"
 
 namespace cellmap {
 namespace {
 
 constexpr std::size_t kPointsAPart = 32 * PointRun::kMostPoints;
+constexpr std::size_t kPointsARun = 3;  // of dense scans somewhat more
 
 /// The runs of at most kMostPoints points.
 void append_block(const PointCloud& cloud, std::size_t begin, std::size_t end,
                   const Lattice& lattice, std::vector<PointRun>& runs) {
   const std::size_t count = end - begin;
   std::array<std::uint32_t, PointRun::kMostPoints> patch;
-  std::array<std::uint32_t, PointRun::kMostPoints + 1> start;
+  std::array<std::uint32_t, PointRun::kMostPoints + simd::kRunsRoom> start;
   lattice.nearest(cloud.x.data() + begin, cloud.y.data() + begin, cloud.z.data() + begin,
                   std::span(patch).first(count));
-  // Without branches: where a run ends cannot be predicted.
-  start[0] = 0;
-  std::size_t found = 1;
-  for (std::uint32_t i = 1; i < count; ++i) {
-    start[found] = i;
-    found += patch[i] != patch[i - 1];
-  }
+  const std::size_t found = simd::run_starts(patch.data(), count, start.data());
   start[found] = static_cast<std::uint32_t>(count);
+  const std::size_t before = runs.size();
+  runs.resize(before + found);
+  PointRun* next = runs.data() + before;
   for (std::size_t k = 0; k < found; ++k) {
-    if (patch[start[k]] == Lattice::kNowhere) continue;
-    runs.push_back(
-        {static_cast<std::uint32_t>(begin) + start[k], patch[start[k]], start[k + 1] - start[k]});
+    const std::uint32_t index = patch[start[k]];
+    *next = {static_cast<std::uint32_t>(begin) + start[k], index, start[k + 1] - start[k]};
+    next += index != Lattice::kNowhere;
   }
+  runs.resize(static_cast<std::size_t>(next - runs.data()));
 }
 
 }  // namespace
@@ -43,6 +43,7 @@ void append_runs(const PointCloud& cloud, std::size_t begin, std::size_t end,
   parts.resize(first_part + (count + kPointsAPart - 1) / kPointsAPart);
   parallel_for(count, kPointsAPart, threads, [&](std::size_t part_begin, std::size_t part_end) {
     std::vector<PointRun>& runs = parts[first_part + part_begin / kPointsAPart];
+    runs.reserve((part_end - part_begin) / kPointsARun);
     for (std::size_t i = part_begin; i < part_end; i += PointRun::kMostPoints) {
       append_block(cloud, begin + i, begin + std::min(part_end, i + PointRun::kMostPoints), lattice,
                    runs);
@@ -106,15 +107,16 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
   for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1] + kBlock;
   end_ = begin_;
   const std::size_t room = begin_.back();
-  if (x_.size() < room) {
-    x_.resize(room);
-    y_.resize(room);
-    z_.resize(room);
+  if (room_ < room) {
+    room_ = room;
+    for (auto* coordinate : {&x_, &y_, &z_}) {
+      *coordinate = std::make_unique_for_overwrite<float[]>(room);
+    }
   }
   const auto copy = [&](std::size_t from, std::size_t to, std::size_t count) {
-    std::memcpy(x_.data() + to, cloud.x.data() + from, count * sizeof(float));
-    std::memcpy(y_.data() + to, cloud.y.data() + from, count * sizeof(float));
-    std::memcpy(z_.data() + to, cloud.z.data() + from, count * sizeof(float));
+    std::memcpy(x_.get() + to, cloud.x.data() + from, count * sizeof(float));
+    std::memcpy(y_.get() + to, cloud.y.data() + from, count * sizeof(float));
+    std::memcpy(z_.get() + to, cloud.z.data() + from, count * sizeof(float));
   };
   for (std::size_t k = 0; k < band.size(); ++k) {
     const PointRun& run = band[k];
@@ -134,7 +136,7 @@ void BandPoints::sort(const PointCloud& cloud, std::span<const PointRun> band) {
 
 PatchPoints BandPoints::of(std::size_t i) {
   const std::uint32_t begin = begin_[i];
-  return {x_.data() + begin, y_.data() + begin, z_.data() + begin, end_[i] - begin};
+  return {x_.get() + begin, y_.get() + begin, z_.get() + begin, end_[i] - begin};
 }
 
 }  // namespace cellmap

@@ -86,7 +86,8 @@ class BandPoints {
 
  private:
   std::array<std::uint32_t, kPatchesABand + 1> begin_{}, end_{};  ///< of each patch
-  std::vector<float> x_, y_, z_;
+  std::size_t room_ = 0;
+  std::unique_ptr<float[]> x_, y_, z_;  // not zeroed: every band would pay for it
 };
 
 }  // namespace cellmap

@@ -71,8 +71,9 @@ void check_changes(const MapChanges& changes) {
     throw corrupt("revision " + std::to_string(changes.revision) + " is before revision " +
                   std::to_string(changes.since) + ", from which they lead on");
   }
-  for (const std::size_t count : {changes.moved.size(), changes.unaligned.size(),
-                                  changes.removed.size(), changes.removed_constraints.size()}) {
+  for (const std::size_t count :
+       {changes.moved.size(), changes.unaligned.size(), changes.removed.size(),
+        changes.removed_constraints.size(), changes.judged.size()}) {
     if (count > kMaxIdsInChanges) throw too_many(count);
   }
   check_added(changes);
@@ -82,9 +83,17 @@ void check_changes(const MapChanges& changes) {
   for (const Constraint& constraint : changes.added_constraints) {
     check_constraint(constraint);
     if (constraint.id.value == 0) throw corrupt("an added constraint has no number");
+    if (changes.judged.contains(constraint.id)) {
+      throw corrupt("the added constraint " + std::to_string(constraint.id.value) +
+                    " is among the judged ones too");
+    }
     ids.push_back(constraint.id);
   }
   check_increasing(ids, "the added constraint");
+  for (const auto& [id, judgement] : changes.judged) {
+    if (id.value == 0) throw corrupt("a judged constraint has no number");
+    check_weight(judgement.weight);
+  }
 }
 
 std::int64_t& coordinate(GridPose& pose, int column) {
@@ -206,6 +215,36 @@ CellRecord added_from_wire(const schema::AddedCell& wire) {
   return cell;
 }
 
+flatbuffers::Offset<schema::JudgedConstraints> judged_to_wire(
+    Builder& builder, const std::map<ConstraintId, Judgement>& judged) {
+  if (judged.empty()) return 0;
+  std::vector<std::int64_t> ids;
+  std::vector<double> weights;
+  std::vector<std::uint8_t> pins;
+  for (const auto& [id, judgement] : judged) {
+    ids.push_back(id.value);
+    weights.push_back(judgement.weight);
+    pins.push_back(judgement.pinned);
+  }
+  const auto constraints = ids_to_wire(builder, ids);
+  const auto weight = builder.CreateVector(weights);
+  const auto pinned = builder.CreateVector(pins);
+  return schema::CreateJudgedConstraints(builder, constraints, weight, pinned);
+}
+
+std::map<ConstraintId, Judgement> judged_from_wire(const schema::JudgedConstraints& wire) {
+  const auto ids = ids_from_wire<ConstraintId>(wire.constraints(), "judged");
+  if (wire.weight()->size() != ids.size() || wire.pinned()->size() != ids.size()) {
+    throw corrupt("the columns of judged constraints differ in length");
+  }
+  std::map<ConstraintId, Judgement> judged;
+  for (flatbuffers::uoffset_t row = 0; row < ids.size(); ++row) {
+    judged.emplace_hint(judged.end(), ids[row],
+                        Judgement{wire.weight()->Get(row), wire.pinned()->Get(row) != 0});
+  }
+  return judged;
+}
+
 }  // namespace
 
 Bytes encode_changes(const MapChanges& changes) {
@@ -225,10 +264,11 @@ Bytes encode_changes(const MapChanges& changes) {
   const auto wire_constraints = builder.CreateVector(constraints);
   const auto removed_constraints = ids_to_wire(builder, values_of(changes.removed_constraints));
   const auto unaligned = ids_to_wire(builder, values_of(changes.unaligned));
+  const auto judged = judged_to_wire(builder, changes.judged);
   schema::FinishChangesBuffer(
-      builder,
-      schema::CreateChanges(builder, kFormatVersion, changes.since, changes.revision, wire_added,
-                            moved, removed, wire_constraints, removed_constraints, unaligned));
+      builder, schema::CreateChanges(builder, kFormatVersion, changes.since, changes.revision,
+                                     wire_added, moved, removed, wire_constraints,
+                                     removed_constraints, unaligned, judged));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   return Bytes(begin, begin + builder.GetSize());
 }
@@ -253,6 +293,7 @@ MapChanges decode_changes(std::span<const std::byte> bytes) {
   for (const CellId cell : ids_from_wire<CellId>(wire.unaligned(), "unaligned")) {
     changes.unaligned.insert(changes.unaligned.end(), cell);
   }
+  if (wire.judged()) changes.judged = judged_from_wire(*wire.judged());
   check_changes(changes);
   return changes;
 }

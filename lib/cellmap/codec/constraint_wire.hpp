@@ -32,4 +32,7 @@ Constraint constraint_from_wire(const schema::Constraint& wire);
 /// Throws Error{kCorruptData}, {kUnsupported} for a kind or origin that this build does not know.
 void check_constraint(const Constraint& constraint);
 
+/// Throws Error{kCorruptData} outside of [0, 1].
+void check_weight(double weight);
+
 }  // namespace cellmap

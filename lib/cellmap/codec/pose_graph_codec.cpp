@@ -116,9 +116,10 @@ flatbuffers::Offset<schema::Constraint> constraint_to_wire(flatbuffers::FlatBuff
   const schema::Pose T_from_to = pose_to_wire(c.T_from_to);
   const schema::Information information = information_to_wire(c.information);
   const schema::Scores scores = scores_to_wire(c.scores);
-  return schema::CreateConstraint(
-      builder, c.id.value, c.from.value, c.to.value, static_cast<schema::ConstraintKind>(c.kind),
-      static_cast<schema::ConstraintOrigin>(c.origin), &T_from_to, &information, &scores);
+  return schema::CreateConstraint(builder, c.id.value, c.from.value, c.to.value,
+                                  static_cast<schema::ConstraintKind>(c.kind),
+                                  static_cast<schema::ConstraintOrigin>(c.origin), &T_from_to,
+                                  &information, &scores, c.weight, c.pinned);
 }
 
 Constraint constraint_from_wire(const schema::Constraint& wire) {
@@ -131,7 +132,13 @@ Constraint constraint_from_wire(const schema::Constraint& wire) {
   c.T_from_to = pose_from_wire(wire.t_from_to(), "a constraint's pose T_from_to");
   c.information = information_from_wire(*wire.information());
   c.scores = scores_from_wire(wire.scores());
+  c.weight = wire.weight();
+  c.pinned = wire.pinned();
   return c;
+}
+
+void check_weight(double weight) {
+  if (!is_share(weight)) throw corrupt("its weight is not between 0 and 1");
 }
 
 void check_constraint(const Constraint& constraint) {
@@ -139,6 +146,7 @@ void check_constraint(const Constraint& constraint) {
     check_kinds(constraint);
     validate(constraint);
     check_scores(constraint.scores);
+    check_weight(constraint.weight);
   } catch (const Error& error) {
     const bool unsupported = error.code() == ErrorCode::kUnsupported;
     throw Error(unsupported ? ErrorCode::kUnsupported : ErrorCode::kCorruptData,

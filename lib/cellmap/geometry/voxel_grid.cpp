@@ -1,26 +1,56 @@
 #include "cellmap/geometry/voxel_grid.hpp"
 
-#include <array>
+#include <utility>
 
 namespace cellmap {
+
+/// Where the block is or would be.
+std::size_t VoxelCounter::place_of(std::uint64_t key) const {
+  const std::size_t mask = table_.size() - 1;
+  std::size_t place = (key * 0x9E3779B97F4A7C15ULL >> 32) & mask;
+  while (table_[place].key != key && table_[place].key != kEmpty) place = (place + 1) & mask;
+  return place;
+}
+
+std::size_t VoxelCounter::find_or_insert(std::uint64_t key) {
+  std::size_t place = place_of(key);
+  if (table_[place].key == key) return place;
+  if (2 * (blocks_ + 1) > table_.size()) {
+    grow();
+    place = place_of(key);
+  }
+  table_[place].key = key;
+  ++blocks_;
+  return place;
+}
+
+void VoxelCounter::grow() {
+  const std::vector<Block> old = std::exchange(table_, std::vector<Block>(2 * table_.size()));
+  for (const Block& block : old) {
+    if (block.key != kEmpty) table_[place_of(block.key)] = block;
+  }
+}
 
 void VoxelCounter::add(const PointCloud& cloud) {
   // Shifted to positive numbers, where cutting off the fraction is rounding down.
   constexpr double kOffset = 1 << 20;
-  const auto key = [&](float v) {
+  const auto voxel = [&](float v) {
     return static_cast<std::uint64_t>(static_cast<std::int64_t>(v * inverse_size_ + kOffset)) &
            0x1fffffU;
   };
-  // Neighbours in a scan mostly share a voxel with one of the last few points.
-  constexpr std::size_t kRecent = 256;
-  std::array<std::uint64_t, kRecent> recent;
-  recent.fill(~std::uint64_t{0});
+  std::uint64_t last_key = kEmpty;
+  std::size_t place = 0;
   for (std::size_t i = 0; i < cloud.size(); ++i) {
-    const std::uint64_t voxel = key(cloud.x[i]) << 42 | key(cloud.y[i]) << 21 | key(cloud.z[i]);
-    std::uint64_t& known = recent[(voxel ^ voxel >> 19 ^ voxel >> 38) % kRecent];
-    if (known == voxel) continue;
-    known = voxel;
-    occupied_.insert(voxel);
+    const std::uint64_t x = voxel(cloud.x[i]), y = voxel(cloud.y[i]), z = voxel(cloud.z[i]);
+    const std::uint64_t key = x >> 2 << 38 | y >> 2 << 19 | z >> 2;
+    if (key != last_key) {
+      place = find_or_insert(key);
+      last_key = key;
+    }
+    std::uint64_t& occupied = table_[place].occupied;
+    const std::uint64_t bit = std::uint64_t{1} << ((x & 3) << 4 | (y & 3) << 2 | (z & 3));
+    voxels_ += (occupied & bit) == 0;
+    occupied |= bit;
   }
 }
 

@@ -1,12 +1,13 @@
 #include "cellmap/map/junction.hpp"
 
+#include <algorithm>
 #include <numbers>
-#include <queue>
 #include <string>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/pose_graph/frames.hpp"
+#include "cellmap/pose_graph/paths.hpp"
 
 namespace cellmap {
 namespace {
@@ -17,30 +18,17 @@ void require(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("a junction needs ") + rule);
 }
 
-struct Neighbour {
-  CellId cell;
-  double path_m;  ///< along the constraints
-};
-
 /// The CELLs nearest to `query` along the constraints, nearest first.
-std::vector<Neighbour> nearest_along(const PoseGraph& graph, CellId query, std::size_t count) {
-  std::map<CellId, std::vector<Neighbour>> adjacent;
-  for (const Constraint& c : graph.constraints) {
-    const double length = c.T_from_to.translation().norm();
-    adjacent[c.from].push_back({c.to, length});
-    adjacent[c.to].push_back({c.from, length});
+std::vector<std::pair<double, CellId>> nearest_along(const PoseGraph& graph, CellId query,
+                                                     std::size_t count) {
+  std::vector<std::pair<double, CellId>> nearest;
+  for (const auto& [cell, path_m] : path_lengths(adjacency_of(graph), query)) {
+    if (cell != query) nearest.emplace_back(path_m, cell);
   }
-  using Entry = std::pair<double, CellId>;
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-  std::map<CellId, double> done;
-  std::vector<Neighbour> nearest;
-  for (open.push({0.0, query}); !open.empty() && nearest.size() < count;) {
-    const auto [path_m, cell] = open.top();
-    open.pop();
-    if (!done.emplace(cell, path_m).second) continue;
-    if (cell != query) nearest.push_back({cell, path_m});
-    for (const Neighbour& next : adjacent[cell]) open.push({path_m + next.path_m, next.cell});
-  }
+  const auto end = nearest.begin() + std::ssize(nearest);
+  const auto middle = nearest.begin() + std::min(std::ssize(nearest), std::ptrdiff_t(count));
+  std::partial_sort(nearest.begin(), middle, end);
+  nearest.erase(middle, end);
   return nearest;
 }
 
@@ -89,25 +77,24 @@ std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
   junction.T_other_island = answer.found->T_map_scan * graph.nodes.at(query).inverse();
   junction.closures.push_back({answer.found->cell, query, answer.found->registration});
 
-  for (const Neighbour& neighbour : neighbours) {
+  for (const auto& [path_m, neighbour] : neighbours) {
     if (junction.closures.size() > options.confirmations) break;
-    auto guess = nearest_in(islands, junction.other, graph,
-                            junction.T_other_island * graph.nodes.at(neighbour.cell),
-                            options.max_distance_m);
+    auto guess =
+        nearest_in(islands, junction.other, graph,
+                   junction.T_other_island * graph.nodes.at(neighbour), options.max_distance_m);
     if (!guess) continue;
-    guess->path_m = neighbour.path_m;
-    const auto target = targets(neighbour.cell);
+    guess->path_m = path_m;
+    const auto target = targets(neighbour);
     const PointCloud points = reconstruct_points(target->cell(), target->lattice());
-    auto closure = verify_loop(*targets(guess->cell), *target, points, *guess, neighbour.cell,
-                               options.confirm);
+    auto closure =
+        verify_loop(*targets(guess->cell), *target, points, *guess, neighbour, options.confirm);
     if (!closure) continue;
     const Pose& T_measured = closure->result.T_target_source;
     const Pose difference = guess->T_candidate_query.inverse() * T_measured;
     if (difference.translation().norm() >
-            options.max_difference_m + options.confirm.drift_m_per_m * neighbour.path_m ||
+            options.max_difference_m + options.confirm.drift_m_per_m * path_m ||
         angle_between_rad(guess->T_candidate_query, T_measured) >
-            kRadPerDeg *
-                (options.max_difference_deg + options.confirm.drift_deg_per_m * neighbour.path_m)) {
+            kRadPerDeg * (options.max_difference_deg + options.confirm.drift_deg_per_m * path_m)) {
       continue;
     }
     junction.closures.push_back(std::move(*closure));

@@ -69,8 +69,7 @@ void BackEnd::resume_after(CellId id, FinishedCell last) {
 }
 
 CellUpdate BackEnd::integrate(FinishedCell finished, PoseGraph& graph) {
-  const std::map<CellId, Pose> before = graph.nodes;
-  Neighbour next{{before.empty() ? 1u : before.rbegin()->first.value + 1u}, std::move(finished)};
+  Neighbour next{graph.new_cell_id(), std::move(finished)};
   CellUpdate update;
   update.id = next.id;
   update.cell = std::shared_ptr<const Cell>(next.cell.target, &next.cell.cell());
@@ -78,29 +77,49 @@ CellUpdate BackEnd::integrate(FinishedCell finished, PoseGraph& graph) {
   update.raw_points = next.cell.raw_points;
   update.voxel_points = next.cell.voxel_points;
   update.constraints = tie_to_previous(next.id, next.cell);
-  graph.nodes[next.id] = update.constraints.empty()
-                             ? next.cell.cell().T_odom_cell
-                             : graph.nodes.at(previous_->id) * update.constraints[0].T_from_to;
-  append(graph.constraints, update.constraints);
-  const std::set<CellId> unaligned = graph.unaligned;
-  if (previous_ ? unaligned.contains(previous_->id) : !before.empty()) {
+  const bool is_first = graph.nodes.empty();
+  const Pose T_map_cell = update.constraints.empty() ? next.cell.cell().T_odom_cell
+                                                     : graph.nodes.at(previous_->id) *
+                                                           update.constraints.front().T_from_to;
+  graph.nodes.emplace(next.id, T_map_cell);
+  if (previous_ ? graph.unaligned.contains(previous_->id) : !is_first) {
     graph.unaligned.insert(next.id);
   }
-
-  std::vector<Constraint> closures = join_islands(next, graph);
-  append(graph.constraints, closures);
-  const std::vector<Constraint> loops = close_loops(next, graph);
-  append(graph.constraints, loops);
-  append(closures, loops);
-  // Without a closure the new one follows its neighbour exactly.
-  if (!closures.empty()) optimize(graph, options_.pose_graph);
-  append(update.constraints, closures);
-  update.poses = changed_poses(before, graph.nodes);
+  append(graph.constraints, update.constraints);
+  close(next, graph, update);
+  update.poses.emplace(next.id, T_map_cell);  // where nothing moved it since
   update.unaligned = graph.unaligned.contains(next.id);
-  std::ranges::set_difference(unaligned, graph.unaligned,
-                              std::inserter(update.aligned, update.aligned.end()));
+  update.aligned.erase(next.id);
   previous_ = std::move(next);
   return update;
+}
+
+CellUpdate BackEnd::revisit(CellId id, FinishedCell cell, PoseGraph& graph) const {
+  CellUpdate update;
+  update.id = id;
+  close({id, std::move(cell)}, graph, update);
+  return update;
+}
+
+/// Joins islands, closes loops and optimises; the update gets what that changed. Without a closure
+/// a new CELL follows its neighbour exactly.
+void BackEnd::close(const Neighbour& cell, PoseGraph& graph, CellUpdate& update) const {
+  const auto is_unchanged = [&, count = graph.constraints.size()] {
+    return graph.constraints.size() == count;
+  };
+  const std::vector<Constraint> judged_before = graph.constraints;
+  const std::map<CellId, Pose> before = graph.nodes;
+  const std::set<CellId> unaligned = graph.unaligned;
+  append(graph.constraints, join_islands(cell, graph));
+  append(graph.constraints, close_loops(cell, graph));
+  if (is_unchanged()) return;
+  optimize(graph, options_.pose_graph);
+  const auto first_new = std::ssize(judged_before) - std::ssize(update.constraints);
+  update.constraints.assign(graph.constraints.begin() + first_new, graph.constraints.end());
+  update.judged = judged_anew(judged_before, graph.constraints);
+  update.poses = changed_poses(before, graph.nodes);
+  std::ranges::set_difference(unaligned, graph.unaligned,
+                              std::inserter(update.aligned, update.aligned.end()));
 }
 
 std::vector<Constraint> BackEnd::tie_to_previous(CellId id, const FinishedCell& next) const {
@@ -138,7 +157,7 @@ std::vector<Constraint> BackEnd::close_loops(const Neighbour& next, const PoseGr
   for (const LoopClosure& closure :
        detect_loops(graph, next.id, next.cell.points, targets_with(next), options_.loops)) {
     const bool is_known = std::ranges::any_of(graph.constraints, [&](const Constraint& c) {
-      return c.from == closure.from && c.to == closure.to;
+      return std::minmax(c.from, c.to) == std::minmax(closure.from, closure.to);
     });
     if (!is_known) loops.push_back(to_constraint(closure, ConstraintOrigin::kMapper));
   }

@@ -12,6 +12,7 @@
 #include "cellmap/pipeline/front_end.hpp"
 #include "cellmap/pipeline/mapper_options.hpp"
 #include "cellmap/place/loop_detection.hpp"
+#include "cellmap/pose_graph/map_changes.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
 namespace cellmap {
@@ -19,14 +20,15 @@ namespace cellmap {
 /// Everything that one finished CELL changes in a map; a store commits it as one transaction.
 struct CellUpdate {
   CellId id;
-  std::shared_ptr<const Cell> cell;
-  std::vector<ScanInCell> scans;        ///< the cell's stretch of the trajectory
-  std::vector<Constraint> constraints;  ///< new, unnumbered
-  std::map<CellId, Pose> poses;         ///< T_map_cell: of the new CELL and of all that moved
-  bool unaligned = false;               ///< the new CELL is not in the map frame
-  std::set<CellId> aligned;             ///< CELLs that joined the map frame with this one
-  std::uint64_t raw_points = 0;         ///< points of its scans before filtering
-  std::uint64_t voxel_points = 0;       ///< FinishedCell::voxel_points
+  std::shared_ptr<const Cell> cell;          ///< null where it was there before
+  std::vector<ScanInCell> scans;             ///< the cell's stretch of the trajectory
+  std::vector<Constraint> constraints;       ///< new, unnumbered
+  std::map<ConstraintId, Judgement> judged;  ///< numbered ones whose weight changed
+  std::map<CellId, Pose> poses;              ///< T_map_cell: of the new CELL and of all that moved
+  bool unaligned = false;                    ///< the new CELL is not in the map frame
+  std::set<CellId> aligned;                  ///< CELLs that joined the map frame with this one
+  std::uint64_t raw_points = 0;              ///< points of its scans before filtering
+  std::uint64_t voxel_points = 0;            ///< FinishedCell::voxel_points
 };
 
 /// What the back end reads of the map: it knows every CELL of the graphs that are handed in.
@@ -46,10 +48,14 @@ class BackEnd {
   /// Continues a session after its last CELL in the map.
   void resume_after(CellId id, FinishedCell last);
 
-  /// Adds the next CELL of the session to the graph and makes it consistent. Its id is the highest
-  /// of the graph plus 1. The first CELL of a session in a map that is not empty starts an island
+  /// Adds the next CELL of the session to the graph and makes it consistent. Its id is the
+  /// graph's `new_cell_id`. The first CELL of a session in a map that is not empty starts an island
   /// at its odometry pose.
   CellUpdate integrate(FinishedCell next, PoseGraph& graph);
+
+  /// Looks once more for what ties a CELL of the graph to other islands and visits, as when it
+  /// came, and makes the graph consistent. The update has no `cell`.
+  CellUpdate revisit(CellId id, FinishedCell cell, PoseGraph& graph) const;
 
  private:
   struct Neighbour {
@@ -57,6 +63,7 @@ class BackEnd {
     FinishedCell cell;
   };
 
+  void close(const Neighbour& cell, PoseGraph& graph, CellUpdate& update) const;
   std::vector<Constraint> tie_to_previous(CellId id, const FinishedCell& next) const;
   bool is_believable(const RegistrationResult& result, const Pose& T_odometry) const;
   std::vector<Constraint> close_loops(const Neighbour& next, const PoseGraph& graph) const;

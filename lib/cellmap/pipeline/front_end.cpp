@@ -10,6 +10,13 @@ constexpr std::size_t kMaxVoxels = 15'000'000;
 
 }  // namespace
 
+FinishedCell finished_without_scans(std::shared_ptr<const RegistrationTarget> target) {
+  FinishedCell finished;
+  finished.points = reconstruct_points(target->cell(), target->lattice());
+  finished.target = std::move(target);
+  return finished;
+}
+
 FrontEnd::FrontEnd(MapperOptions options, std::string session,
                    std::shared_ptr<const Lattice> lattice)
     : options_(std::move(options)),

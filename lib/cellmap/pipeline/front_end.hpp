@@ -30,6 +30,9 @@ struct FinishedCell {
   const Cell& cell() const { return target->cell(); }
 };
 
+/// A CELL whose scans are elsewhere: its own points stand for them.
+FinishedCell finished_without_scans(std::shared_ptr<const RegistrationTarget> target);
+
 /// Scans of one session in, CELLs out (paper, Sec. III-B): knows nothing of the map. One owner.
 /// Voxels at the seam count twice after `resume_after`; counting stops at 15 million, which take
 /// about 600 MB.

@@ -15,6 +15,8 @@ struct CellScans {
   CellId cell;
   Pose T_odom_cell = Pose::Identity();
   std::vector<ScanInCell> scans;
+  std::uint64_t raw_points = 0;    ///< of its scans before filtering
+  std::uint64_t voxel_points = 0;  ///< FinishedCell::voxel_points
 };
 
 /// The pose of every scan after the back end: each scan keeps its pose relative to its CELL, and

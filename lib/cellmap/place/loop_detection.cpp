@@ -12,6 +12,7 @@
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/information.hpp"
+#include "cellmap/pose_graph/paths.hpp"
 
 namespace cellmap {
 namespace {
@@ -21,24 +22,6 @@ constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kLeastShiftM = 2.0, kLeastTurnDeg = 5.0;
 /// What a registration reaches from one start on a wide gate.
 constexpr double kReachM = 3.0;
-
-struct Neighbour {
-  CellId cell;
-  double length_m;
-  bool in_session;  // an odometry or bidirectional constraint
-};
-using Adjacency = std::map<CellId, std::vector<Neighbour>>;
-
-Adjacency adjacency_of(const PoseGraph& graph) {
-  Adjacency adjacency;
-  for (const Constraint& c : graph.constraints) {
-    const double length = c.T_from_to.translation().norm();
-    const bool in_session = c.kind != ConstraintKind::kLoop;
-    adjacency[c.from].push_back({c.to, length, in_session});
-    adjacency[c.to].push_back({c.from, length, in_session});
-  }
-  return adjacency;
-}
 
 /// CELLs within `hops` neighbours of `query` in its session, itself included.
 std::map<CellId, std::size_t> session_neighbours(const Adjacency& adjacency, CellId query,
@@ -56,23 +39,6 @@ std::map<CellId, std::size_t> session_neighbours(const Adjacency& adjacency, Cel
     }
   }
   return distance;
-}
-
-/// Shortest path along the constraints from `query` to everything (Dijkstra).
-std::map<CellId, double> path_lengths(const Adjacency& adjacency, CellId query) {
-  std::map<CellId, double> length;
-  using Entry = std::pair<double, CellId>;
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> open;
-  open.push({0.0, query});
-  while (!open.empty()) {
-    const auto [metres, cell] = open.top();
-    open.pop();
-    if (!length.emplace(cell, metres).second) continue;
-    const auto found = adjacency.find(cell);
-    if (found == adjacency.end()) continue;
-    for (const Neighbour& n : found->second) open.push({metres + n.length_m, n.cell});
-  }
-  return length;
 }
 
 /// How far a closure may lie from its guess.

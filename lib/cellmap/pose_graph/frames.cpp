@@ -5,37 +5,38 @@
 #include <string>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/pose_graph/components.hpp"
 
 namespace cellmap {
 namespace {
 
-/// The root of a CELL in a forest in which each CELL points to one of a lower id or to itself;
-/// shortens the way for the next one who asks.
-CellId root(std::map<CellId, CellId>& parents, CellId cell) {
-  CellId& parent = parents.at(cell);
-  while (parents.at(parent) != parent) parent = parents.at(parent);
-  return parent;
+std::size_t position(const std::vector<CellId>& ids, CellId id) {
+  const auto found = std::ranges::lower_bound(ids, id);
+  if (found != ids.end() && *found == id) return static_cast<std::size_t>(found - ids.begin());
+  throw Error(ErrorCode::kNotFound,
+              "CELL " + std::to_string(id.value) + " is not in the pose graph");
 }
 
 }  // namespace
 
 Frames::Frames(const PoseGraph& graph) {
-  for (const auto& [id, pose] : graph.nodes) names_.emplace_hint(names_.end(), id, id);
-  count_ = names_.size();
-  const auto unite = [&](CellId one, CellId other) {
-    const CellId a = root(names_, one), b = root(names_, other);
-    if (a == b) return;
-    names_[std::max(a, b)] = std::min(a, b);
-    --count_;
-  };
-  std::optional<CellId> aligned;
-  for (const auto& [id, pose] : graph.nodes) {
-    if (graph.unaligned.contains(id)) continue;
-    if (aligned) unite(*aligned, id);
-    aligned = id;
+  std::vector<CellId> ids;
+  for (const auto& [id, pose] : graph.nodes) ids.push_back(id);
+  Components components(ids.size());
+  std::optional<std::size_t> aligned;
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    if (graph.unaligned.contains(ids[i])) continue;
+    if (aligned) components.join(*aligned, i);
+    aligned = i;
   }
-  for (const Constraint& constraint : graph.constraints) unite(constraint.from, constraint.to);
-  for (auto& [id, name] : names_) name = names_.at(name);  // lower ids are done already
+  for (const Constraint& c : graph.constraints) {
+    components.join(position(ids, c.from), position(ids, c.to));
+  }
+  for (std::size_t i = 0; i < ids.size(); ++i) {
+    const std::size_t lowest = components.lowest(i);
+    names_.emplace_hint(names_.end(), ids[i], ids[lowest]);
+    count_ += lowest == i;
+  }
 }
 
 CellId Frames::of(CellId cell) const {

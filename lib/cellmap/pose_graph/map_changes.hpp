@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <map>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,21 @@ struct CellRecord {
   std::uint64_t encoded_bytes = 0;
 };
 
+/// What an optimisation and a user made of a constraint: the part of it that changes.
+struct Judgement {
+  double weight = 1.0;  ///< Constraint::weight
+  bool pinned = false;  ///< Constraint::pinned
+  bool operator==(const Judgement&) const = default;
+};
+inline Judgement judgement(const Constraint& constraint) {
+  return {constraint.weight, constraint.pinned};
+}
+
+/// The numbered constraints of `after` that `before` judges otherwise. Both in order of id; those
+/// that only one has are left out. O(constraints).
+std::map<ConstraintId, Judgement> judged_anew(std::span<const Constraint> before,
+                                              std::span<const Constraint> after);
+
 /// What happened to a map after a revision.
 struct MapChanges {
   Revision since = 0, revision = 0;
@@ -35,6 +51,7 @@ struct MapChanges {
   std::vector<CellId> removed;                    ///< CELLs that are gone; ascending id
   std::vector<ConstraintId> removed_constraints;  ///< ascending id
   std::set<CellId> unaligned;                     ///< all that are not in the map frame now
+  std::map<ConstraintId, Judgement> judged;       ///< constraints that were there, as judged now
 };
 
 }  // namespace cellmap

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/pose_graph/chains.hpp"
 #include "cellmap/pose_graph/components.hpp"
-#include "cellmap/pose_graph/islands.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/pose_graph/start.hpp"
 #include "cellmap/pose_graph/weighted_problem.hpp"
@@ -119,9 +119,9 @@ class Optimisation {
   }
 
   /// The poses of least cost, with a loss that does not hide a loop that is far off.
-  void choose_start(bool place_islands) {
-    place_islands &= has_islands(graph_);
-    if (!place_islands && options_.start == GraphStart::kGiven) return;
+  void choose_start(bool place_chains) {
+    place_chains &= has_chains(graph_);
+    if (!place_chains && options_.start == GraphStart::kGiven) return;
     problem_.set_loss(is_robust_ ? Loss::kCauchy : Loss::kNone);
     std::vector<Pose> best = problem_.poses();
     double least = problem_.cost();
@@ -129,8 +129,8 @@ class Optimisation {
       problem_.set_poses(poses);
       if (problem_.cost() < least) best = problem_.poses(), least = problem_.cost();
     };
-    if (place_islands) {
-      consider(island_start(graph_, options_.least_joining_loops, options_.loop_loss_scale));
+    if (place_chains) {
+      consider(chain_start(graph_, options_.least_joining_loops, options_.loop_loss_scale));
     }
     if (options_.start == GraphStart::kBest) {
       consider(spanning_tree_start(graph_));

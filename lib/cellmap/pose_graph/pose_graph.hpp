@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <optional>
 #include <set>
@@ -64,6 +65,12 @@ struct PoseGraph {
   /// (pose_graph/frames.hpp).
   std::set<CellId> unaligned;
   std::vector<Constraint> constraints;  ///< in order of id
+  /// The next CELL gets this id or a higher one: those of removed CELLs are not given again.
+  CellId next_cell{1};
+
+  CellId new_cell_id() const {
+    return nodes.empty() ? next_cell : std::max(next_cell, CellId{nodes.rbegin()->first.value + 1});
+  }
 };
 
 /// Where an optimisation starts.
@@ -90,7 +97,7 @@ struct PoseGraphOptions {
   /// full.
   double loop_loss_scale = 4.0;
   /// A session that only loops tie to the others is placed by the loops that agree with one
-  /// another (`islands.hpp`); fewer than this many leave it where it is.
+  /// another (`chains.hpp`); fewer than this many leave it where it is.
   std::size_t least_joining_loops = 1;
   /// 0: all. The poses do not depend on it; at present one is used, because nine tenths of the time
   /// are a factorisation that has one thread.

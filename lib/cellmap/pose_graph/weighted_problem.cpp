@@ -1,6 +1,7 @@
 #include "cellmap/pose_graph/weighted_problem.hpp"
 
 #include <ceres/ceres.h>
+#include <omp.h>
 
 #include <algorithm>
 #include <cmath>
@@ -165,6 +166,19 @@ class LastStep : public ceres::IterationCallback {
   double last_move_ = 0;
 };
 
+/// CHOLMOD asks for four OpenMP threads at every supernode, whatever Ceres was told. On small
+/// blocks waking them costs more than they do, and on a busy machine twice the whole solution.
+class OneOpenMpThread {
+ public:
+  OneOpenMpThread() : before_(omp_get_max_active_levels()) { omp_set_max_active_levels(0); }
+  ~OneOpenMpThread() { omp_set_max_active_levels(before_); }
+  OneOpenMpThread(const OneOpenMpThread&) = delete;
+  OneOpenMpThread& operator=(const OneOpenMpThread&) = delete;
+
+ private:
+  int before_;
+};
+
 }  // namespace
 
 class WeightedProblem::Impl {
@@ -218,6 +232,7 @@ class WeightedProblem::Impl {
   Solution solve(int max_iterations, double cost_tolerance) {
     if (terms_.empty()) return {.converged = true};
     fix_gauge();
+    const OneOpenMpThread one_thread;
     LastStep last_step(poses_);
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;

@@ -196,15 +196,16 @@ RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
                                                  to_string(lattice_->spec()));
   }
   slots_.assign(lattice_->size(), 0);
-  hesse_planes_.reserve(cell_->planes.size() + 1);
-  hesse_planes_.push_back({0, 0, 0, HUGE_VALF});
-  for (std::size_t k = 0; k < cell_->planes.size(); ++k) {
+  const std::vector<std::uint32_t>& indices = cell_->indices;  // ascending
+  if (!indices.empty()) first_ = indices.front();
+  hesse_planes_.assign(indices.empty() ? 1 : indices.back() - first_ + 2, simd::kNoPlane);
+  for (std::size_t k = 0; k < indices.size(); ++k) {
     const Plane& plane = cell_->planes[k];
     const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
-    slots_[cell_->indices[k]] = static_cast<std::uint32_t>(k + 1);
-    hesse_planes_.push_back({plane.nx, plane.ny, plane.nz,
-                             static_cast<float>(plane.distance_m * normal.dot(lattice_->direction(
-                                                                       cell_->indices[k])))});
+    const double offset_m = plane.distance_m * normal.dot(lattice_->direction(indices[k]));
+    slots_[indices[k]] = static_cast<std::uint32_t>(k + 1);
+    hesse_planes_[indices[k] - first_] = {plane.nx, plane.ny, plane.nz,
+                                          static_cast<float>(offset_m)};
   }
 }
 

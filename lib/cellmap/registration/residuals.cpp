@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "cellmap/core/parallel.hpp"
+#include "cellmap/simd/residuals.hpp"
 
 namespace cellmap {
 namespace {
@@ -53,7 +54,6 @@ simd::Weights to_weights(const RegistrationStage& stage) {
 struct alignas(64) Block {
   std::size_t begin = 0, count = 0;  // in the scan
   std::array<float, kPointsABlock> x, y, z;
-  std::array<std::uint32_t, kPointsABlock> index;
   std::array<float, kPointsABlock> scratch;
 
   simd::Points points() const { return {x.data(), y.data(), z.data()}; }
@@ -95,7 +95,7 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
   const std::uint32_t index = term.target->lattice().nearest(moved);
   const std::uint32_t slot = index == Lattice::kNowhere ? 0 : term.target->slot_of(index);
   if (slot == 0) return {};
-  const simd::HessePlane& plane = term.target->hesse_plane(slot);
+  const simd::HessePlane& plane = term.target->plane_table().of(index);
   const Eigen::Vector3d normal(plane.nx, plane.ny, plane.nz);
   Residual residual{static_cast<std::int32_t>(slot - 1), normal.dot(moved) - plane.offset_m, {}};
   if (term.reverse) {  // -n^T R^-1 [I, -[p]x]
@@ -108,7 +108,11 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
 }
 
 MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse)
-    : term_(term), threads_(threads), reuse_(reuse), slots_(term.scan->size(), 0) {}
+    : term_(term), threads_(threads), reuse_(reuse), indices_(term.scan->size()) {}
+
+std::uint32_t MatchedTerm::slot_of(std::size_t point) const {
+  return indices_[point] == Lattice::kNowhere ? 0 : term_.target->slot_of(indices_[point]);
+}
 
 bool MatchedTerm::serves(const Pose& T) const {
   if (!looked_up_at_ || !(reuse_.median_range_m > 0)) return false;
@@ -133,13 +137,9 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
           motion,
           {scan.x.data() + block.begin, scan.y.data() + block.begin, scan.z.data() + block.begin},
           block.count, {block.x.data(), block.y.data(), block.z.data()});
-      std::uint32_t* const slot = slots_.data() + block.begin;
       if (is_fresh_) {
         target.lattice().nearest(block.x.data(), block.y.data(), block.z.data(),
-                                 std::span(block.index).first(block.count));
-        for (std::size_t k = 0; k < block.count; ++k) {
-          slot[k] = block.index[k] == Lattice::kNowhere ? 0 : target.slot_of(block.index[k]);
-        }
+                                 std::span(indices_).subspan(block.begin, block.count));
       }
       per_block(block, first / kPointsAChunk);
     }
@@ -149,32 +149,33 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
 void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& stage,
                                        NormalSystem& system) {
   const simd::Weights weights = to_weights(stage);
-  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
-  std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
+  const simd::PlaneTable planes = term_.target->plane_table();
+  std::vector<simd::NormalSums> chunks(chunks_of(indices_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
-    simd::accumulate(planes, slots_.data() + block.begin, block.points(), block.count, weights,
+    simd::accumulate(planes, indices_.data() + block.begin, block.points(), block.count, weights,
                      chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);
 }
 
 HitDistances MatchedTerm::distances(const Pose& T) {
-  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
-  std::vector<float> distance_m(slots_.size());
+  const simd::PlaneTable planes = term_.target->plane_table();
+  std::vector<float> distance_m(indices_.size());
   visit(T, [&](Block& block, std::size_t) {
-    simd::distances(planes, slots_.data() + block.begin, block.points(), block.count,
+    simd::distances(planes, indices_.data() + block.begin, block.points(), block.count,
                     distance_m.data() + block.begin);
   });
-  std::vector<std::uint32_t> plane(slots_.size());
+  std::vector<std::uint32_t> plane(indices_.size());
   std::size_t hits = 0;
-  for (std::size_t i = 0; i < slots_.size(); ++i) {
-    plane[hits] = slots_[i] - 1;
+  for (std::size_t i = 0; i < indices_.size(); ++i) {
+    const std::uint32_t slot = slot_of(i);
+    plane[hits] = slot - 1;
     distance_m[hits] = distance_m[i];
-    hits += slots_[i] != 0;
+    hits += slot != 0;
   }
   plane.resize(hits);
   distance_m.resize(hits);
-  return {slots_.size(), std::move(distance_m), std::move(plane)};
+  return {indices_.size(), std::move(distance_m), std::move(plane)};
 }
 
 void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
@@ -183,16 +184,16 @@ void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
   assert(weight_of_plane.size() == term_.target->cell().planes.size());
   std::vector<float> weight_of_slot = {0.0f};
   weight_of_slot.insert(weight_of_slot.end(), weight_of_plane.begin(), weight_of_plane.end());
-  const simd::HessePlane* const planes = &term_.target->hesse_plane(0);
+  const simd::PlaneTable planes = term_.target->plane_table();
   simd::Weights weights{simd::Weighting::kGiven, static_cast<float>(gate_m), 0, nullptr};
-  std::vector<simd::NormalSums> chunks(chunks_of(slots_.size()));
+  std::vector<simd::NormalSums> chunks(chunks_of(indices_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
     for (std::size_t k = 0; k < block.count; ++k) {
-      block.scratch[k] = weight_of_slot[slots_[block.begin + k]];
+      block.scratch[k] = weight_of_slot[slot_of(block.begin + k)];
     }
     simd::Weights given = weights;
     given.given = block.scratch.data();
-    simd::accumulate(planes, slots_.data() + block.begin, block.points(), block.count, given,
+    simd::accumulate(planes, indices_.data() + block.begin, block.points(), block.count, given,
                      chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);

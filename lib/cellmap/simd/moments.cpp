@@ -21,27 +21,36 @@ HWY_INLINE VD load(const float* values) {
   return hn::PromoteTo(d, hn::LoadU(hn::Rebind<float, D>(), values));
 }
 
-/// (x x + y y) + z z of the points from position `i` on.
-HWY_INLINE VD squared_range(const PatchView& points, std::size_t i) {
-  const VD x = load(points.x + i), y = load(points.y + i), z = load(points.z + i);
-  return hn::Add(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Mul(z, z));
-}
+/// Coordinates of some points.
+struct Coordinates {
+  VD x, y, z;
 
-SquaredRanges SquaredRangesOf(const PatchView& points) {
-  const D d;
-  VD least = hn::Set(d, HUGE_VAL), most = hn::Zero(d);
-  for (std::size_t i = 0; i < padded(points.count); i += hn::Lanes(d)) {
-    const VD range2 = squared_range(points, i);
-    least = hn::Min(least, range2);
-    most = hn::Max(most, range2);
+  HWY_INLINE Coordinates(const PatchView& points, std::size_t i)
+      : x(load(points.x + i)), y(load(points.y + i)), z(load(points.z + i)) {}
+
+  HWY_INLINE VD squared_range() const {
+    return hn::Add(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Mul(z, z));
   }
-  return {hn::GetLane(hn::MinOfLanes(d, least)), hn::GetLane(hn::MaxOfLanes(d, most))};
-}
+};
+
+struct Extremes {
+  VD least, most;
+
+  Extremes() : least(hn::Set(D(), HUGE_VAL)), most(hn::Zero(D())) {}
+  HWY_INLINE void add(VD value) {
+    least = hn::Min(least, value);
+    most = hn::Max(most, value);
+  }
+  HWY_INLINE SquaredRanges of_lanes() const {
+    const D d;
+    return {hn::GetLane(hn::MinOfLanes(d, least)), hn::GetLane(hn::MaxOfLanes(d, most))};
+  }
+};
 
 void RangesOf(const PatchView& points, double* ranges) {
   const D d;
   for (std::size_t i = 0; i < padded(points.count); i += hn::Lanes(d)) {
-    hn::StoreU(hn::Sqrt(squared_range(points, i)), d, ranges + i);
+    hn::StoreU(hn::Sqrt(Coordinates(points, i).squared_range()), d, ranges + i);
   }
 }
 
@@ -51,17 +60,17 @@ struct LaneMoments {
 
   LaneMoments() { count = x = y = z = xx = xy = xz = yy = yz = zz = hn::Zero(D()); }
 
-  /// (mx, my, mz) is (x, y, z), or zero in lanes that do not count.
-  HWY_INLINE void add(VD px, VD py, VD pz, VD mx, VD my, VD mz) {
-    x = hn::Add(x, mx);
-    y = hn::Add(y, my);
-    z = hn::Add(z, mz);
-    xx = hn::Add(xx, hn::Mul(mx, px));
-    xy = hn::Add(xy, hn::Mul(mx, py));
-    xz = hn::Add(xz, hn::Mul(mx, pz));
-    yy = hn::Add(yy, hn::Mul(my, py));
-    yz = hn::Add(yz, hn::Mul(my, pz));
-    zz = hn::Add(zz, hn::Mul(mz, pz));
+  /// `counted` is `p`, or zero in lanes that do not count.
+  HWY_INLINE void add(const Coordinates& p, const Coordinates& counted) {
+    x = hn::Add(x, counted.x);
+    y = hn::Add(y, counted.y);
+    z = hn::Add(z, counted.z);
+    xx = hn::Add(xx, hn::Mul(counted.x, p.x));
+    xy = hn::Add(xy, hn::Mul(counted.x, p.y));
+    xz = hn::Add(xz, hn::Mul(counted.x, p.z));
+    yy = hn::Add(yy, hn::Mul(counted.y, p.y));
+    yz = hn::Add(yz, hn::Mul(counted.y, p.z));
+    zz = hn::Add(zz, hn::Mul(counted.z, p.z));
   }
 };
 
@@ -87,7 +96,7 @@ HWY_INLINE Moments sum_up(std::size_t count, const Add& add) {
   return moments;
 }
 
-/// The origin in every lane, and coordinates about it.
+/// The origin in every lane.
 struct Origin {
   VD x, y, z;
 
@@ -95,17 +104,36 @@ struct Origin {
       : x(hn::Set(D(), points.origin[0])),
         y(hn::Set(D(), points.origin[1])),
         z(hn::Set(D(), points.origin[2])) {}
+
+  HWY_INLINE void centre(Coordinates& at) const {
+    at.x = hn::Sub(at.x, x);
+    at.y = hn::Sub(at.y, y);
+    at.z = hn::Sub(at.z, z);
+  }
 };
 
 Moments MomentsOf(const PatchView& points) {
   const Origin origin(points);
   Moments moments = sum_up(points.count, [&](std::size_t i, LaneMoments& sums) HWY_ATTR {
-    const VD x = hn::Sub(load(points.x + i), origin.x), y = hn::Sub(load(points.y + i), origin.y),
-             z = hn::Sub(load(points.z + i), origin.z);
-    sums.add(x, y, z, x, y, z);
+    Coordinates at(points, i);
+    origin.centre(at);
+    sums.add(at, at);
   });
   moments.count = static_cast<double>(points.count);
   return moments;
+}
+
+MomentsAndRanges MomentsAndRangesOf(const PatchView& points) {
+  const Origin origin(points);
+  Extremes extremes;
+  Moments moments = sum_up(points.count, [&](std::size_t i, LaneMoments& sums) HWY_ATTR {
+    Coordinates at(points, i);
+    extremes.add(at.squared_range());
+    origin.centre(at);
+    sums.add(at, at);
+  });
+  moments.count = static_cast<double>(points.count);
+  return {moments, extremes.of_lanes()};
 }
 
 Moments MomentsOffPlane(const PatchView& points, const std::array<double, 3>& normal, double offset,
@@ -115,14 +143,17 @@ Moments MomentsOffPlane(const PatchView& points, const std::array<double, 3>& no
   const VD nx = hn::Set(d, normal[0]), ny = hn::Set(d, normal[1]), nz = hn::Set(d, normal[2]);
   const VD offsets = hn::Set(d, offset), limits = hn::Set(d, limit), one = hn::Set(d, 1.0);
   Moments moments = sum_up(points.count, [&](std::size_t i, LaneMoments& sums) HWY_ATTR {
-    const VD x = hn::Sub(load(points.x + i), origin.x), y = hn::Sub(load(points.y + i), origin.y),
-             z = hn::Sub(load(points.z + i), origin.z);
-    const VD distance =
-        hn::Sub(hn::Add(hn::Add(hn::Mul(nx, x), hn::Mul(ny, y)), hn::Mul(nz, z)), offsets);
+    Coordinates at(points, i);
+    origin.centre(at);
+    const VD projected = hn::Add(hn::Add(hn::Mul(nx, at.x), hn::Mul(ny, at.y)), hn::Mul(nz, at.z));
+    const VD distance = hn::Sub(projected, offsets);
     const auto off = hn::Gt(hn::Abs(distance), limits);
     sums.count = hn::Add(sums.count, hn::IfThenElseZero(off, one));
-    sums.add(x, y, z, hn::IfThenElseZero(off, x), hn::IfThenElseZero(off, y),
-             hn::IfThenElseZero(off, z));
+    Coordinates kept = at;
+    kept.x = hn::IfThenElseZero(off, at.x);
+    kept.y = hn::IfThenElseZero(off, at.y);
+    kept.z = hn::IfThenElseZero(off, at.z);
+    sums.add(at, kept);
   });
   // The origins after the last point have added nothing but to the count.
   const std::size_t extra = padded(points.count) - points.count;
@@ -137,20 +168,20 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace cellmap::simd {
 
-HWY_EXPORT(SquaredRangesOf);
 HWY_EXPORT(RangesOf);
 HWY_EXPORT(MomentsOf);
+HWY_EXPORT(MomentsAndRangesOf);
 HWY_EXPORT(MomentsOffPlane);
-
-SquaredRanges squared_ranges(const PatchView& points) {
-  return HWY_DYNAMIC_DISPATCH(SquaredRangesOf)(points);
-}
 
 void ranges(const PatchView& points, double* ranges_m) {
   HWY_DYNAMIC_DISPATCH(RangesOf)(points, ranges_m);
 }
 
 Moments moments(const PatchView& points) { return HWY_DYNAMIC_DISPATCH(MomentsOf)(points); }
+
+MomentsAndRanges moments_and_ranges(const PatchView& points) {
+  return HWY_DYNAMIC_DISPATCH(MomentsAndRangesOf)(points);
+}
 
 Moments moments_off_plane(const PatchView& points, const std::array<double, 3>& normal,
                           double offset, double limit) {

@@ -43,18 +43,23 @@ struct PatchView {
   std::array<float, 3> origin;
 };
 
+/// The extremes of (x x + y y) + z z over the points, and the origin where they are not a multiple
+/// of four.
 struct SquaredRanges {
   double min, max;
 };
 
-/// The extremes of (x x + y y) + z z over the points, and the origin where they are not a multiple
-/// of four.
-SquaredRanges squared_ranges(const PatchView& points);
-
-/// Writes their square roots, `padded(count)` of them.
+/// Writes the ranges sqrt((x x + y y) + z z) of the points, `padded(count)` of them.
 void ranges(const PatchView& points, double* ranges_m);
 
 Moments moments(const PatchView& points);
+
+/// Both in one pass.
+struct MomentsAndRanges {
+  Moments moments;
+  SquaredRanges squared_ranges;
+};
+MomentsAndRanges moments_and_ranges(const PatchView& points);
 
 /// Moments of the points for which |(nx x + ny y) + nz z - offset| > limit, for points
 /// about the origin.

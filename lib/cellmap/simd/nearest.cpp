@@ -262,15 +262,31 @@ struct Output {
   std::size_t undecided_count = 0;
 };
 
-/// One vector of directions, of which the first `count` are wanted, the first one at `position`.
-HWY_INLINE void nearest_of(const FibonacciZones& zones, const Equator& equator, VF x, VF y, VF z,
-                           std::size_t position, std::size_t count, Output& out) {
+/// Directions of a block on their way from the first loop to the second. Either loop is short
+/// enough for the processor to work on several vectors at a time; as one loop, its chain of
+/// operations fills the queues and the next vector waits.
+struct Block {
+  static constexpr std::size_t kMost = 256;
+  HWY_ALIGN float z[kMost], r2[kMost], turns[kMost];
+};
+
+HWY_INLINE void put_direction(VF x, VF y, VF z, std::size_t at, Block& block) {
   const F f;
-  const I i;
   const VF rho2 = hn::MulAdd(x, x, y * y);
   const VF norm2 = hn::MulAdd(z, z, rho2);
   const VF inverse = inverse_sqrt(norm2);
-  Direction d{z * inverse, rho2 * inverse * inverse, hn::Zero(f), hn::Zero(f), azimuth_turns(x, y)};
+  hn::Store(z * inverse, f, block.z + at);
+  hn::Store(rho2 * inverse * inverse, f, block.r2 + at);
+  hn::Store(azimuth_turns(x, y), f, block.turns + at);
+}
+
+/// One vector of directions, of which the first `count` are wanted, the first one at `position`.
+HWY_INLINE void nearest_of(const FibonacciZones& zones, const Equator& equator, const Block& block,
+                           std::size_t at, std::size_t position, std::size_t count, Output& out) {
+  const F f;
+  const I i;
+  Direction d{hn::Load(f, block.z + at), hn::Load(f, block.r2 + at), hn::Zero(f), hn::Zero(f),
+              hn::Load(f, block.turns + at)};
   Corner corner{hn::Zero(f), hn::FirstN(f, 0)};  // NEON cannot call a default constructor here
   if (HWY_LIKELY(hn::AllTrue(f, d.r2 >= equator.least_r2))) {
     const VF half = hn::Set(f, 0.5f * zones.points);
@@ -302,18 +318,24 @@ std::size_t Nearest(const FibonacciZones& zones, const float* x, const float* y,
   const std::size_t lanes = hn::Lanes(f);
   const Equator equator(zones);
   Output out{index, undecided};
-  std::size_t i = 0;
-  for (; i + lanes <= count; i += lanes) {
-    nearest_of(zones, equator, hn::LoadU(f, x + i), hn::LoadU(f, y + i), hn::LoadU(f, z + i), i,
-               lanes, out);
-  }
-  if (i < count) {
-    HWY_ALIGN float rest[3][hn::MaxLanes(f)] = {};
-    std::copy(x + i, x + count, rest[0]);
-    std::copy(y + i, y + count, rest[1]);
-    std::copy(z + i, z + count, rest[2]);
-    nearest_of(zones, equator, hn::Load(f, rest[0]), hn::Load(f, rest[1]), hn::Load(f, rest[2]), i,
-               count - i, out);
+  Block block;
+  for (std::size_t begin = 0; begin < count; begin += Block::kMost) {
+    const std::size_t size = std::min(Block::kMost, count - begin);
+    const float *const bx = x + begin, *const by = y + begin, *const bz = z + begin;
+    std::size_t i = 0;
+    for (; i + lanes <= size; i += lanes) {
+      put_direction(hn::LoadU(f, bx + i), hn::LoadU(f, by + i), hn::LoadU(f, bz + i), i, block);
+    }
+    if (i < size) {
+      HWY_ALIGN float rest[3][hn::MaxLanes(f)] = {};
+      std::copy(bx + i, bx + size, rest[0]);
+      std::copy(by + i, by + size, rest[1]);
+      std::copy(bz + i, bz + size, rest[2]);
+      put_direction(hn::Load(f, rest[0]), hn::Load(f, rest[1]), hn::Load(f, rest[2]), i, block);
+    }
+    for (i = 0; i < size; i += lanes) {
+      nearest_of(zones, equator, block, i, begin + i, std::min(lanes, size - i), out);
+    }
   }
   return out.undecided_count;
 }

@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "cellmap/simd/plane_table.hpp"
+
 namespace cellmap::simd {
 
 /// Points as three arrays, metres.
@@ -26,17 +28,9 @@ struct Motion {
 void move(const Motion& motion, const Points& points, std::size_t count,
           const MutablePoints& moved);
 
-/// A plane: unit normal and offset. A point's distance is n . p - offset. In a table of planes the
-/// first one, slot 0, is that of points without a plane: a zero normal and an offset beyond any
-/// gate.
-struct HessePlane {
-  float nx, ny, nz, offset_m;
-};
-static_assert(sizeof(HessePlane) == 4 * sizeof(float));
-
-/// The distance of each point from the plane in its slot of the table `planes`,
+/// The distance of each point from the plane of its lattice point,
 /// ((nx x + ny y) + nz z) - offset, rounded after every operation as above.
-void distances(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+void distances(const PlaneTable& table, const std::uint32_t* lattice_index, const Points& points,
                std::size_t count, float* distance);
 
 /// How a point counts: not at all beyond the gate, else by the kernel of its distance d,
@@ -63,7 +57,7 @@ struct NormalSums {
 /// Adds `count` points to `sums`. Each lane adds in float, to the doubles once every 256 points: of
 /// terms of one size, the relative error is at most 256 / lanes units in the last place, and grows
 /// with its square root where rounding is random.
-void accumulate(const HessePlane* planes, const std::uint32_t* slot, const Points& points,
+void accumulate(const PlaneTable& table, const std::uint32_t* lattice_index, const Points& points,
                 std::size_t count, const Weights& weights, NormalSums& sums);
 
 }  // namespace cellmap::simd

@@ -9,29 +9,16 @@
 #include <vector>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/simulation/ground.hpp"
+#include "cellmap/simulation/drive_plan.hpp"
 #include "cellmap/simulation/odometry_model.hpp"
 #include "cellmap/simulation/random.hpp"
 #include "cellmap/simulation/ray_caster.hpp"
-#include "cellmap/simulation/route.hpp"
-#include "cellmap/simulation/town.hpp"
 #include "cellmap/simulation/town_tiles.hpp"
-#include "cellmap/simulation/traffic.hpp"
 
 namespace cellmap {
 namespace {
 
 using namespace simulation;
-
-/// Independent parts that one seed feeds.
-enum SeedPart : std::uint64_t {
-  kGroundSeed = 1,
-  kTownSeed,
-  kCarSeed,
-  kNoiseSeed,
-  kDriftSeed,
-  kLeanSeed
-};
 
 /// Ray directions in the sensor frame, beam by beam from the top, each beam counter-clockwise from
 /// straight ahead.
@@ -51,52 +38,6 @@ std::vector<Eigen::Vector3f> ray_directions(const LidarModel& lidar) {
     }
   }
   return directions;
-}
-
-/// The route moved to its lane and set down on the ground.
-Route on_the_ground(const Route& route, const Ground& ground, double left_m, double height_m) {
-  Route driven = route;
-  for (StampedPose& sample : driven) {
-    Eigen::Vector2d left = sample.pose.linear().col(1).head<2>();
-    sample.pose.translation().head<2>() += left_m * left.normalized();
-    const Eigen::Vector3d p = sample.pose.translation();
-    sample.pose.translation().z() = ground.height_or_zero_m(p.x(), p.y()) + height_m;
-  }
-  return driven;
-}
-
-Route whole_route(const SimulatorOptions& options) {
-  if (options.route == "town") return town_route(options.lidar.rate_hz);
-  if (options.route == "city") return city_route(options.lidar.rate_hz);
-  return route_from_file(options.route, options.route_frame);
-}
-
-/// Where on the line each pose of the drive lies: both go along it in the same order.
-std::vector<double> arcs_of(const Route& drive, const Route& route, const Centreline& line) {
-  std::vector<double> arcs;
-  std::size_t i = 0;
-  for (const StampedPose& pose : drive) {
-    while (i + 2 < route.size() && route[i + 1].stamp <= pose.stamp) ++i;
-    const double share = static_cast<double>(pose.stamp - route[i].stamp) /
-                         static_cast<double>(route[i + 1].stamp - route[i].stamp);
-    arcs.push_back(line.arc_of_pose_m(i) +
-                   share * (line.arc_of_pose_m(i + 1) - line.arc_of_pose_m(i)));
-  }
-  return arcs;
-}
-
-/// The sensor as it is mounted, for each scan anew where it leans.
-void turn_sensor(const SimulatorOptions& options, Route& drive) {
-  constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-  const std::uint64_t seed = sub_seed(options.seed, kLeanSeed);
-  for (std::size_t i = 0; i < drive.size(); ++i) {
-    Random random(sub_seed(sub_seed(seed, options.traffic_seed), i));
-    const double towards = random.uniform(-std::numbers::pi, std::numbers::pi);
-    const Eigen::Vector3d axis(std::cos(towards), std::sin(towards), 0);
-    drive[i].pose.rotate(
-        Eigen::AngleAxisd(options.heading_deg * kRadPerDeg, Eigen::Vector3d::UnitZ()));
-    drive[i].pose.rotate(Eigen::AngleAxisd(random.uniform(0, options.lean_deg) * kRadPerDeg, axis));
-  }
 }
 
 /// A real estimate of the same route, moved along the vehicle's own axes as the truth was, so that
@@ -121,18 +62,11 @@ class SimulatedDrive final : public ScanSource {
  public:
   explicit SimulatedDrive(const SimulatorOptions& options)
       : options_(options),
-        route_(whole_route(options)),
-        line_(route_),
-        ground_(line_, sensor_height_m(), sub_seed(options.seed, kGroundSeed)),
-        traffic_(line_, ground_, sub_seed(traffic_seed(), kCarSeed)),
-        tiles_(caster_, ground_,
-               plan_town(line_, ground_, sub_seed(options.seed, kTownSeed), traffic_seed())),
+        plan_(options),
+        tiles_(caster_, plan_.ground, plan_.objects()),
         directions_(ray_directions(options.lidar)),
         hits_(directions_.size()) {
-    const Route drive = options.spacing_m > 0 ? spaced(route_, options.spacing_m) : route_;
-    arc_m_ = arcs_of(drive, route_, line_);
-    Route truth = on_the_ground(drive, ground_, options.lateral_offset_m, sensor_height_m());
-    turn_sensor(options, truth);
+    Route truth = plan_.truth;
     odometry_ = make_odometry(truth);
     if (options.scans != 0 && options.scans < truth.size()) {
       truth.resize(options.scans);
@@ -171,22 +105,18 @@ class SimulatedDrive final : public ScanSource {
   }
 
  private:
-  double sensor_height_m() const { return options_.lidar.mount_height_m; }
-  std::uint64_t traffic_seed() const {
-    return options_.traffic_seed != 0 ? options_.traffic_seed : options_.seed;
-  }
-
   Route make_odometry(const Route& truth) const {
     if (options_.odometry == "truth") return truth;
     if (options_.odometry == "drift") {
       return drifted(truth, DriftModel{}, sub_seed(options_.seed, kDriftSeed));
     }
-    return estimate_from_file(options_, route_, truth);
+    return estimate_from_file(options_, plan_.route, truth);
   }
 
   /// Another day or another lane has noise of its own, else a scan would find its noise in the map.
   std::uint64_t noise_seed() const {
-    const std::uint64_t day = sub_seed(sub_seed(options_.seed, kNoiseSeed), traffic_seed());
+    const std::uint64_t day =
+        sub_seed(sub_seed(options_.seed, kNoiseSeed), traffic_seed_of(options_));
     return sub_seed(day, std::bit_cast<std::uint64_t>(options_.lateral_offset_m + 0.0));
   }
 
@@ -195,8 +125,7 @@ class SimulatedDrive final : public ScanSource {
     const Eigen::Vector3d p = T_world_sensor.translation();
     const double range_m = options_.lidar.max_range_m;
     std::vector<RayCaster::Instance> scene = tiles_.around(p.x(), p.y(), range_m);
-    const double time_s = to_seconds(truth_[index].stamp - truth_[0].stamp);
-    for (const MovingCar& car : traffic_.at(time_s, arc_m_[index], T_world_sensor, range_m)) {
+    for (const MovingCar& car : plan_.moving_at(index, range_m)) {
       scene.push_back({vehicles_[static_cast<std::size_t>(car.model)], car.T_world_car});
     }
     caster_.cast(scene, T_world_sensor, directions_, range_m, options_.threads, hits_);
@@ -224,16 +153,12 @@ class SimulatedDrive final : public ScanSource {
   }
 
   SimulatorOptions options_;
-  Route route_;
-  Centreline line_;
-  Ground ground_;
-  Traffic traffic_;
+  DrivePlan plan_;
   RayCaster caster_;
   TownTiles tiles_;
   std::vector<std::shared_ptr<const RayMesh>> vehicles_;
   std::vector<Eigen::Vector3f> directions_;
   std::vector<RayCaster::Hit> hits_;
-  std::vector<double> arc_m_;  // of each scan
   Trajectory truth_;
   Route odometry_;
   std::uint64_t noise_seed_ = 0;

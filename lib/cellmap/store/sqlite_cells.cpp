@@ -254,14 +254,15 @@ std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const Conte
 std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
                                   const std::string& session) {
   Query rows(connection,
-             "SELECT cell.id, cell_scans.T_odom_cell, cell_scans.scans FROM cell "
+             "SELECT cell.id, cell_scans.T_odom_cell, cell_scans.scans, raw_points, voxel_points "
+             "FROM cell "
              "JOIN cell_scans ON cell_scans.map = cell.map AND cell_scans.cell = cell.id "
              "WHERE cell.map = ? AND cell.session = ? ORDER BY cell.sequence",
              map, session);
   std::vector<CellScans> stretches;
   while (rows.next()) {
     stretches.push_back({CellId{rows.unsigned32(0)}, pose_from_bytes(rows.bytes(1)),
-                         scans_from_bytes(rows.bytes(2))});
+                         scans_from_bytes(rows.bytes(2)), rows.unsigned64(3), rows.unsigned64(4)});
   }
   return stretches;
 }

@@ -10,14 +10,15 @@ std::string select_map(const char* condition) {
   return std::string(
              "SELECT id, name, lattice_kind, lattice_size, created, revision, next_constraint, "
              "cells, planes, constraints, encoded_bytes, stored_bytes, scans, raw_points, "
-             "voxel_points FROM map ") +
+             "voxel_points, next_cell, oldest, latitude_deg, longitude_deg, height_m, R_enu_map "
+             "FROM map ") +
          condition;
 }
 
 std::string select_constraint(const char* condition) {
   return std::string(
-             "SELECT id, from_cell, to_cell, kind, origin, T_from_to, information, scores "
-             "FROM pose_constraint ") +
+             "SELECT id, from_cell, to_cell, kind, origin, T_from_to, information, scores, "
+             "weight, pinned FROM pose_constraint ") +
          condition;
 }
 
@@ -56,6 +57,12 @@ MapRow map_from_row(const Query& row) {
   map.info.scans = row.unsigned64(12);
   map.info.raw_points = row.unsigned64(13);
   map.info.voxel_points = row.unsigned64(14);
+  map.next_cell.value = row.unsigned32(15);
+  map.oldest = row.unsigned64(16);
+  if (!row.is_null(17)) {
+    const Pose R_enu_map = pose_from_columns(Eigen::Vector3d::Zero(), row.bytes(20));
+    map.info.georeference = {row.real(17), row.real(18), row.real(19), R_enu_map.linear()};
+  }
   return map;
 }
 
@@ -69,6 +76,8 @@ Constraint constraint_from_row(const Query& row) {
   constraint.T_from_to = pose_from_bytes(row.bytes(5));
   constraint.information = information_from_bytes(row.bytes(6));
   constraint.scores = scores_from_bytes(row.bytes(7));
+  constraint.weight = row.real(8);
+  constraint.pinned = row.integer(9) != 0;
   return constraint;
 }
 
@@ -95,6 +104,12 @@ void require_revision(const MapRow& map, Revision revision) {
     throw Error(ErrorCode::kNotFound, "map " + map.info.name + " has no revision " +
                                           std::to_string(revision) + "; its newest is " +
                                           std::to_string(map.info.revision));
+  }
+  if (revision < map.oldest) {
+    throw Error(ErrorCode::kNotFound,
+                "map " + map.info.name + " can no longer be read at revision " +
+                    std::to_string(revision) + ": a session was removed from it at revision " +
+                    std::to_string(map.oldest) + "; start from 0");
   }
 }
 
@@ -196,6 +211,7 @@ PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
   const MapRow row = read_map_row(connection, map);
   PoseGraph graph;
   graph.revision = revision.value_or(row.info.revision);
+  graph.next_cell = row.next_cell;
   require_revision(row, graph.revision);
   if (graph.revision == row.info.revision) {
     read_current_graph(connection, row.key, graph);
@@ -207,7 +223,7 @@ PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
 
 MapChanges read_changes(SqliteConnection& connection, const std::string& map, Revision since) {
   const MapRow row = read_map_row(connection, map);
-  require_revision(row, since);
+  if (since > 0) require_revision(row, since);
   MapChanges changes;
   changes.since = since;
   changes.revision = row.info.revision;
@@ -228,6 +244,14 @@ MapChanges read_changes(SqliteConnection& connection, const std::string& map, Re
                 "ORDER BY id",
                 row.key, since, since);
   while (removed.next()) changes.removed_constraints.push_back({removed.unsigned32(0)});
+  Query judged(connection,
+               "SELECT id, weight, pinned FROM pose_constraint WHERE map = ? AND judged > ? "
+               "AND added <= ? AND removed IS NULL ORDER BY id",
+               row.key, since, since);
+  while (judged.next()) {
+    changes.judged.emplace(ConstraintId{judged.unsigned32(0)},
+                           Judgement{judged.real(1), judged.integer(2) != 0});
+  }
   return changes;
 }
 

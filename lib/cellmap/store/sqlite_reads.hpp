@@ -15,6 +15,8 @@ struct MapRow {
   std::int64_t key = 0;  ///< column `id`, never reused
   MapInfo info;          ///< without bounds and sessions
   std::uint32_t next_constraint = 1;
+  CellId next_cell{1};  ///< PoseGraph::next_cell
+  Revision oldest = 0;  ///< that can be read
 };
 
 /// Error{kNotFound} where there is no such map.

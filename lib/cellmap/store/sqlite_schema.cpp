@@ -144,8 +144,26 @@ ALTER TABLE session ADD COLUMN started        INTEGER NOT NULL DEFAULT 0;  -- Un
 ALTER TABLE session ADD COLUMN aligned        INTEGER DEFAULT 0;           -- revision; NULL: not yet
 )sql";
 
+// Version 3: how constraints are judged, and the revision that last changed it; what a CELL counts
+// for in the sums of its map, so that it can leave; where the map lies on Earth.
+constexpr const char* kVersion3 = R"sql(
+ALTER TABLE pose_constraint ADD COLUMN weight REAL    NOT NULL DEFAULT 1;
+ALTER TABLE pose_constraint ADD COLUMN pinned INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE pose_constraint ADD COLUMN judged INTEGER NOT NULL DEFAULT 0;
+CREATE INDEX pose_constraint_by_judged ON pose_constraint (map, judged);
+ALTER TABLE cell ADD COLUMN scans        INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE cell ADD COLUMN raw_points   INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE cell ADD COLUMN voxel_points INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE map ADD COLUMN next_cell    INTEGER NOT NULL DEFAULT 1;  -- above all that were removed
+ALTER TABLE map ADD COLUMN oldest       INTEGER NOT NULL DEFAULT 0;  -- revision that can be read
+ALTER TABLE map ADD COLUMN latitude_deg  REAL;                       -- NULL: not known
+ALTER TABLE map ADD COLUMN longitude_deg REAL;
+ALTER TABLE map ADD COLUMN height_m      REAL;
+ALTER TABLE map ADD COLUMN R_enu_map     BLOB;
+)sql";
+
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.
-constexpr std::array kMigrations = {kVersion1, kVersion2};
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3};
 
 void apply_migration(SqliteConnection& connection, std::size_t version) {
   connection.execute("BEGIN IMMEDIATE");

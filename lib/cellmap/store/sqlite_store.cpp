@@ -91,6 +91,12 @@ class SqliteStore final : public Store {
     write([&](SqliteConnection& c) { remove_map(c, name); });
   }
 
+  void set_georeference(const std::string& map,
+                        const std::optional<Georeference>& georeference) override {
+    if (georeference) georeference->validate();
+    write([&](SqliteConnection& c) { write_georeference(c, map, georeference); });
+  }
+
   std::vector<MapInfo> maps() const override {
     return readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
   }

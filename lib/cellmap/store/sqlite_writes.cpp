@@ -1,5 +1,6 @@
 #include "cellmap/store/sqlite_writes.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <tuple>
 
@@ -14,6 +15,24 @@ namespace {
 Bytes to_bytes(const ContentHash& hash) {
   const auto raw = std::as_bytes(std::span(hash.bytes));
   return {raw.begin(), raw.end()};
+}
+
+template <typename... Values>
+std::vector<Bytes> read_hashes(SqliteConnection& connection, const std::string& condition,
+                               const Values&... values) {
+  std::vector<Bytes> hashes;
+  Query rows(connection, "SELECT DISTINCT hash FROM cell " + condition, values...);
+  while (rows.next()) hashes.emplace_back(rows.bytes(0).begin(), rows.bytes(0).end());
+  return hashes;
+}
+
+void delete_unused_blobs(SqliteConnection& connection, const std::vector<Bytes>& hashes) {
+  for (const Bytes& hash : hashes) {
+    Query(connection,
+          "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",
+          hash, hash)
+        .run();
+  }
 }
 
 /// One update on its way into the tables.
@@ -31,6 +50,8 @@ class Update {
   void align(CellId id);
   void remove_constraint(ConstraintId id);
   ConstraintId add_constraint(const Constraint& constraint);
+  void judge(ConstraintId id, const Judgement& judgement);
+  void remove_session(const std::string& name);
   /// Writes the map's row; returns its revision.
   Revision finish();
 
@@ -42,6 +63,8 @@ class Update {
   void insert_pose(CellId id, const Pose& T_map_cell);
   std::optional<ConstraintId> find_identical(const Constraint& constraint) const;
   void require_cell(CellId id) const;
+  void require_constraint(ConstraintId id) const;
+  void subtract_from_sums(const std::string& session);
 
   SqliteConnection& connection_;
   MapRow map_;
@@ -132,11 +155,13 @@ void Update::insert_cell(const NewCell& cell) {
   const Eigen::Vector3d& position = cell.T_map_cell.translation();
   Query(connection_,
         "INSERT INTO cell (map, id, hash, session, sequence, planes, encoded_bytes, added, moved, "
-        "x, y, z, rotation, gx, gy) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "x, y, z, rotation, gx, gy, scans, raw_points, voxel_points) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         map_.key, cell.id.value, to_bytes(cell.encoded.hash), cell.cell->session,
         cell.cell->sequence, cell.cell->planes.size(), cell.encoded.bytes.size(), revision_,
         revision_, position.x(), position.y(), position.z(), rotation_to_bytes(cell.T_map_cell),
-        grid_key(position.x()), grid_key(position.y()))
+        grid_key(position.x()), grid_key(position.y()), cell.scans.size(), cell.raw_points,
+        cell.voxel_points)
       .run();
 }
 
@@ -176,16 +201,18 @@ void Update::require_cell(CellId id) const {
   }
 }
 
-void Update::remove_constraint(ConstraintId id) {
-  {
-    Query row(connection_,
-              "SELECT 1 FROM pose_constraint WHERE map = ? AND id = ? AND removed IS NULL",
-              map_.key, id.value);
-    if (!row.next()) {
-      throw Error(ErrorCode::kNotFound,
-                  "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
-    }
+void Update::require_constraint(ConstraintId id) const {
+  Query row(connection_,
+            "SELECT 1 FROM pose_constraint WHERE map = ? AND id = ? AND removed IS NULL", map_.key,
+            id.value);
+  if (!row.next()) {
+    throw Error(ErrorCode::kNotFound,
+                "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
   }
+}
+
+void Update::remove_constraint(ConstraintId id) {
+  require_constraint(id);
   Query(connection_, "UPDATE pose_constraint SET removed = ? WHERE map = ? AND id = ?", revision_,
         map_.key, id.value)
       .run();
@@ -216,15 +243,87 @@ ConstraintId Update::add_constraint(const Constraint& constraint) {
   const ConstraintId id{map_.next_constraint++};
   Query(connection_,
         "INSERT INTO pose_constraint (map, id, added, from_cell, to_cell, kind, origin, T_from_to, "
-        "information, scores) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "information, scores, weight, pinned) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         map_.key, id.value, revision_, constraint.from.value, constraint.to.value,
         static_cast<std::uint32_t>(constraint.kind), static_cast<std::uint32_t>(constraint.origin),
         pose_to_bytes(constraint.T_from_to), information_to_bytes(constraint.information),
-        scores_to_bytes(constraint.scores))
+        scores_to_bytes(constraint.scores), constraint.weight, constraint.pinned ? 1u : 0u)
       .run();
   map_.info.constraints += 1;
   changed_ = true;
   return id;
+}
+
+void Update::judge(ConstraintId id, const Judgement& judgement) {
+  require_constraint(id);
+  {
+    Query row(connection_, "SELECT weight, pinned FROM pose_constraint WHERE map = ? AND id = ?",
+              map_.key, id.value);
+    row.next();
+    if (Judgement{row.real(0), row.integer(1) != 0} == judgement) return;
+  }
+  Query(connection_,
+        "UPDATE pose_constraint SET weight = ?, pinned = ?, judged = ? WHERE map = ? AND id = ?",
+        judgement.weight, judgement.pinned ? 1u : 0u, revision_, map_.key, id.value)
+      .run();
+  changed_ = true;
+}
+
+void Update::remove_session(const std::string& name) {
+  {
+    Query row(connection_, "SELECT 1 FROM session WHERE map = ? AND name = ?", map_.key, name);
+    if (!row.next()) {
+      throw Error(ErrorCode::kNotFound, "map " + map_.info.name + " has no session '" + name + "'");
+    }
+  }
+  subtract_from_sums(name);
+  constexpr const char* kOfSession = "(SELECT id FROM cell WHERE map = ? AND session = ?)";
+  for (const char* const end : {"from_cell", "to_cell"}) {
+    Query(connection_,
+          std::string("DELETE FROM pose_constraint WHERE map = ? AND ") + end + " IN " + kOfSession,
+          map_.key, map_.key, name)
+        .run();
+  }
+  for (const char* const table : {"cell_scans", "cell_pose"}) {
+    Query(connection_,
+          std::string("DELETE FROM ") + table + " WHERE map = ? AND cell IN " + kOfSession,
+          map_.key, map_.key, name)
+        .run();
+  }
+  const std::vector<Bytes> hashes =
+      read_hashes(connection_, "WHERE map = ? AND session = ?", map_.key, name);
+  Query(connection_, "DELETE FROM cell WHERE map = ? AND session = ?", map_.key, name).run();
+  Query(connection_, "DELETE FROM session WHERE map = ? AND name = ?", map_.key, name).run();
+  delete_unused_blobs(connection_, hashes);
+  map_.oldest = revision_;
+  changed_ = true;
+}
+
+void Update::subtract_from_sums(const std::string& session) {
+  MapInfo& info = map_.info;
+  {
+    Query row(connection_,
+              "SELECT COUNT(*), COALESCE(SUM(planes), 0), COALESCE(SUM(cell.encoded_bytes), 0), "
+              "COALESCE(SUM(LENGTH(frame)), 0), COALESCE(SUM(scans), 0), "
+              "COALESCE(SUM(raw_points), 0), COALESCE(SUM(voxel_points), 0), "
+              "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
+              "WHERE map = ? AND session = ?",
+              map_.key, session);
+    row.next();
+    std::uint64_t* const sums[] = {&info.cells,        &info.planes, &info.encoded_bytes,
+                                   &info.stored_bytes, &info.scans,  &info.raw_points,
+                                   &info.voxel_points};
+    // CELLs of before version 3 do not say what they count for.
+    for (int i = 0; i < 7; ++i) *sums[i] -= std::min(*sums[i], row.unsigned64(i));
+    map_.next_cell = std::max(map_.next_cell, CellId{row.unsigned32(7) + 1});
+  }
+  Query row(connection_,
+            "SELECT COUNT(*) FROM pose_constraint AS c WHERE map = ? AND removed IS NULL AND "
+            "EXISTS (SELECT 1 FROM cell WHERE cell.map = c.map AND cell.session = ? "
+            "AND cell.id IN (c.from_cell, c.to_cell))",
+            map_.key, session);
+  row.next();
+  info.constraints -= std::min(info.constraints, row.unsigned64(0));
 }
 
 Revision Update::finish() {
@@ -232,11 +331,11 @@ Revision Update::finish() {
   const MapInfo& info = map_.info;
   Query(connection_,
         "UPDATE map SET revision = ?, next_constraint = ?, cells = ?, planes = ?, constraints = ?, "
-        "encoded_bytes = ?, stored_bytes = ?, scans = ?, raw_points = ?, voxel_points = ? "
-        "WHERE id = ?",
+        "encoded_bytes = ?, stored_bytes = ?, scans = ?, raw_points = ?, voxel_points = ?, "
+        "next_cell = ?, oldest = ? WHERE id = ?",
         revision_, map_.next_constraint, info.cells, info.planes, info.constraints,
         info.encoded_bytes, info.stored_bytes, info.scans, info.raw_points, info.voxel_points,
-        map_.key)
+        map_.next_cell.value, map_.oldest, map_.key)
       .run();
   return revision_;
 }
@@ -264,19 +363,29 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
         "DELETE FROM cell_pose WHERE map = ?", "DELETE FROM session WHERE map = ?"}) {
     Query(connection, statement, map).run();
   }
-  std::vector<Bytes> hashes;
-  {
-    Query rows(connection, "SELECT DISTINCT hash FROM cell WHERE map = ?", map);
-    while (rows.next()) hashes.emplace_back(rows.bytes(0).begin(), rows.bytes(0).end());
-  }
+  const std::vector<Bytes> hashes = read_hashes(connection, "WHERE map = ?", map);
   Query(connection, "DELETE FROM cell WHERE map = ?", map).run();
-  for (const Bytes& hash : hashes) {
-    Query(connection,
-          "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",
-          hash, hash)
-        .run();
-  }
+  delete_unused_blobs(connection, hashes);
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
+}
+
+void write_georeference(SqliteConnection& connection, const std::string& map,
+                        const std::optional<Georeference>& georeference) {
+  std::optional<double> latitude, longitude, height;
+  std::optional<Bytes> rotation;
+  if (georeference) {
+    latitude = georeference->latitude_deg;
+    longitude = georeference->longitude_deg;
+    height = georeference->height_m;
+    Pose pose = Pose::Identity();
+    pose.linear() = georeference->R_enu_map;
+    rotation = rotation_to_bytes(pose);
+  }
+  Query(connection,
+        "UPDATE map SET latitude_deg = ?, longitude_deg = ?, height_m = ?, R_enu_map = ? "
+        "WHERE id = ?",
+        latitude, longitude, height, rotation, read_map_row(connection, map).key)
+      .run();
 }
 
 void insert_session(SqliteConnection& connection, const std::string& map,
@@ -318,10 +427,12 @@ CommitResult apply_update(SqliteConnection& connection, const std::string& map,
                     ", not at the expected " + std::to_string(*update.expected_revision) +
                     "; read it again and repeat");
   }
+  for (const std::string& session : update.remove_sessions) writer.remove_session(session);
   for (std::size_t i = 0; i < update.cells.size(); ++i) writer.add_cell(update.cells[i], frames[i]);
   for (const auto& [id, T_map_cell] : update.poses) writer.move_cell(id, T_map_cell);
   for (const CellId id : update.aligned) writer.align(id);
   for (const ConstraintId id : update.remove_constraints) writer.remove_constraint(id);
+  for (const auto& [id, judgement] : update.judged) writer.judge(id, judgement);
   CommitResult result;
   for (const Constraint& constraint : update.add_constraints) {
     result.constraint_ids.push_back(writer.add_constraint(constraint));

@@ -15,6 +15,8 @@ void insert_map(SqliteConnection& connection, const std::string& name, const Lat
 /// Removes everything of a map, and the blobs that no other map uses.
 void remove_map(SqliteConnection& connection, const std::string& name);
 
+void write_georeference(SqliteConnection& connection, const std::string& map,
+                        const std::optional<Georeference>& georeference);
 void insert_session(SqliteConnection& connection, const std::string& map,
                     const SessionInfo& session);
 

@@ -48,16 +48,19 @@ JobState job_state_from_string(std::string_view name) {
 
 MapUpdate to_map_update(CellUpdate update) {
   MapUpdate result;
-  result.cells.push_back({.id = update.id,
-                          .cell = update.cell,
-                          .encoded = encode_cell(*update.cell),
-                          .T_map_cell = update.poses.at(update.id),
-                          .unaligned = update.unaligned,
-                          .scans = std::move(update.scans),
-                          .raw_points = update.raw_points,
-                          .voxel_points = update.voxel_points});
+  if (update.cell) {
+    result.cells.push_back({.id = update.id,
+                            .cell = update.cell,
+                            .encoded = encode_cell(*update.cell),
+                            .T_map_cell = update.poses.at(update.id),
+                            .unaligned = update.unaligned,
+                            .scans = std::move(update.scans),
+                            .raw_points = update.raw_points,
+                            .voxel_points = update.voxel_points});
+    update.poses.erase(update.id);
+  }
   result.poses = std::move(update.poses);
-  result.poses.erase(update.id);
+  result.judged = std::move(update.judged);
   result.aligned = std::move(update.aligned);
   result.add_constraints = std::move(update.constraints);
   return result;

@@ -15,6 +15,7 @@
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/core/hash.hpp"
 #include "cellmap/core/id.hpp"
+#include "cellmap/map/georeference.hpp"
 #include "cellmap/pipeline/back_end.hpp"
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/map_changes.hpp"
@@ -48,6 +49,7 @@ struct MapInfo {
   /// Bounding box of the CELLs' current positions, map frame; empty() for an empty map.
   Eigen::AlignedBox3d bounds;
   std::vector<std::string> sessions;
+  std::optional<Georeference> georeference;
 };
 
 /// One drive of one robot into a map.
@@ -100,7 +102,7 @@ struct NewCell {
 };
 
 /// Any change to a map: one transaction, one new revision. Carried out in the order of the fields,
-/// except that constraints are removed before others are added. Bounded (store/validation.hpp):
+/// except that what is removed goes first. Bounded (store/validation.hpp):
 /// 10,000 CELLs, a million constraints, coordinates within 1e7 m, else Error{kInvalidArgument} or
 /// {kTooLarge}.
 struct MapUpdate {
@@ -112,6 +114,10 @@ struct MapUpdate {
   /// that an update whose answer was lost can be sent again.
   std::vector<Constraint> add_constraints;
   std::vector<ConstraintId> remove_constraints;
+  std::map<ConstraintId, Judgement> judged;  ///< of constraints that are there
+  /// With their CELLs and all constraints of those, which are forgotten: revisions before this one
+  /// can no longer be read. Ids are not given again.
+  std::set<std::string> remove_sessions;
   /// Where set and not the map's revision: Error{kPreconditionFailed}, nothing changes.
   std::optional<Revision> expected_revision;
 };
@@ -161,6 +167,10 @@ class Store {
   virtual MapInfo create_map(const std::string& name, const LatticeSpec& lattice) = 0;
   /// Also its history and the bytes that no other map uses; jobs stay.
   virtual void delete_map(const std::string& name) = 0;
+  /// No part of a revision, since no pose in the map depends on it; nullopt takes it away.
+  /// Error{kInvalidArgument} out of range.
+  virtual void set_georeference(const std::string& map,
+                                const std::optional<Georeference>& georeference) = 0;
   virtual std::vector<MapInfo> maps() const = 0;  ///< by name
   virtual MapInfo map(const std::string& name) const = 0;
   /// The little of `map` that tells whether anything has changed: reads one row.
@@ -191,12 +201,13 @@ class Store {
   virtual std::optional<CellRecord> last_cell(const std::string& map,
                                               const std::string& session) const = 0;
 
-  /// The pose graph at a revision (default: the current one). Every revision can be read for as
-  /// long as the map exists; Error{kNotFound} for one that is still to come.
+  /// The pose graph at a revision (default: the current one), its constraints as they are judged
+  /// now. Every revision can be read until a session is removed; Error{kNotFound} for one that is
+  /// still to come.
   virtual PoseGraph pose_graph(const std::string& map,
                                std::optional<Revision> revision = {}) const = 0;
   /// What leads from revision `since` to the newest; Error{kNotFound} for one that is still to come
-  /// (the map was deleted and made anew: start from 0).
+  /// (the map was deleted and made anew) or that a removed session made unreadable: start from 0.
   virtual MapChanges changes(const std::string& map, Revision since) const = 0;
   /// The drive of a session as stretches in order of sequence; empty for an unknown session.
   virtual std::vector<CellScans> scans(const std::string& map,

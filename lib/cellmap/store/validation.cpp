@@ -92,6 +92,11 @@ void check_scores(const RegistrationScores& scores) {
   }
 }
 
+void check_judgement(ConstraintId id, const Judgement& judgement) {
+  if (judgement.weight >= 0 && judgement.weight <= 1) return;
+  invalid("constraint " + std::to_string(id.value) + ": expected a weight from 0 to 1");
+}
+
 void check_constraint(const Constraint& constraint) {
   if (constraint.from == constraint.to) {
     invalid("constraint: joins CELL " + std::to_string(constraint.from.value) + " to itself");
@@ -108,6 +113,7 @@ void check_constraint(const Constraint& constraint) {
     invalid("constraint: unknown kind or origin");
   }
   check_scores(constraint.scores);
+  check_judgement(constraint.id, judgement(constraint));
 }
 
 }  // namespace
@@ -129,6 +135,8 @@ void validate(const MapUpdate& update) {
     check_pose("CELL " + std::to_string(id.value) + ": T_map_cell", pose);
   }
   for (const Constraint& constraint : update.add_constraints) check_constraint(constraint);
+  for (const auto& [id, judgement] : update.judged) check_judgement(id, judgement);
+  for (const std::string& session : update.remove_sessions) check_session(session);
   std::set<ConstraintId> removed;
   for (const ConstraintId id : update.remove_constraints) {
     if (!removed.insert(id).second) {

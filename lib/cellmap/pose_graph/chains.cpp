@@ -1,4 +1,4 @@
-#include "cellmap/pose_graph/islands.hpp"
+#include "cellmap/pose_graph/chains.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -64,7 +64,7 @@ class TrustedForest {
   std::size_t root(std::size_t node) const { return nodes_[node].root; }
   const Pose& pose(std::size_t node) const { return poses_[node]; }
 
-  /// Of the pose of one node relative to another of its island, in the map's frame.
+  /// Of the pose of one node relative to another of its chain, in the map's frame.
   Matrix6d covariance_between(std::size_t a, std::size_t b) const {
     const std::size_t meet = last_common(a, b);
     return nodes_[a].covariance + nodes_[b].covariance - 2 * nodes_[meet].covariance;
@@ -108,7 +108,7 @@ class TrustedForest {
   std::vector<Node> nodes_;
 };
 
-/// A loop from the island of the lower root to the other, as the motion of the other island that
+/// A loop from the chain of the lower root to the other, as the motion of the other chain that
 /// would fulfil it.
 struct Link {
   std::size_t near, far;  ///< nodes
@@ -126,7 +126,7 @@ Link link(const TrustedForest& forest, const Constraint& loop) {
     T_near_far = loop.T_from_to.inverse();
   }
   Link link{near, far, forest.pose(near) * T_near_far * forest.pose(far).inverse(), in_map};
-  // The error of a loop measured from the far side is moved along with that island.
+  // The error of a loop measured from the far side is moved along with that chain.
   if (near != forest.position(loop.from)) link.covariance = carried(link.motion, in_map);
   return link;
 }
@@ -193,7 +193,7 @@ std::vector<std::size_t> largest_clique(const Agreement& agree) {
 
 struct Consistent {
   std::vector<std::size_t> loops;  ///< positions in what was given
-  Pose motion = Pose::Identity();  ///< of the far island, by the loop nearest to all others
+  Pose motion = Pose::Identity();  ///< of the far chain, by the loop nearest to all others
 };
 
 Consistent consistent(const PoseGraph& graph, const TrustedForest& forest,
@@ -216,11 +216,11 @@ Consistent consistent(const PoseGraph& graph, const TrustedForest& forest,
 }
 
 struct Bridge {
-  std::size_t near, far;  ///< roots of islands, near < far
+  std::size_t near, far;  ///< roots of chains, near < far
   Consistent set;
 };
 
-/// Between every two islands that loops tie, those with most consistent loops first.
+/// Between every two chains that loops tie, those with most consistent loops first.
 std::vector<Bridge> bridges(const PoseGraph& graph, const TrustedForest& forest, double scale) {
   std::map<std::pair<std::size_t, std::size_t>, std::vector<std::size_t>> loops_between;
   for (std::size_t i = 0; i < graph.constraints.size(); ++i) {
@@ -241,16 +241,16 @@ std::vector<Bridge> bridges(const PoseGraph& graph, const TrustedForest& forest,
 
 }  // namespace
 
-bool has_islands(const PoseGraph& graph) {
+bool has_chains(const PoseGraph& graph) {
   std::map<CellId, std::size_t> position;
   for (const auto& [id, T] : graph.nodes)
     position.emplace_hint(position.end(), id, position.size());
-  Components islands(graph.nodes.size());
+  Components chains(graph.nodes.size());
   for (const Constraint& c : graph.constraints) {
-    if (is_trusted(c)) islands.join(position.at(c.from), position.at(c.to));
+    if (is_trusted(c)) chains.join(position.at(c.from), position.at(c.to));
   }
   return std::any_of(graph.constraints.begin(), graph.constraints.end(), [&](const Constraint& c) {
-    return islands.lowest(position.at(c.from)) != islands.lowest(position.at(c.to));
+    return chains.lowest(position.at(c.from)) != chains.lowest(position.at(c.to));
   });
 }
 
@@ -259,9 +259,9 @@ std::vector<std::size_t> consistent_loops(const PoseGraph& graph,
   return consistent(graph, TrustedForest(graph), loops, scale).loops;
 }
 
-std::map<CellId, Pose> island_start(const PoseGraph& graph, std::size_t least_loops, double scale) {
+std::map<CellId, Pose> chain_start(const PoseGraph& graph, std::size_t least_loops, double scale) {
   const TrustedForest forest(graph);
-  // A tree over the islands, of the bridges with most loops. The motion of an island is known once
+  // A tree over the chains, of the bridges with most loops. The motion of a chain is known once
   // its neighbour's is; only those that hang on one another move.
   std::vector<Bridge> tree;
   Components joined(forest.size());

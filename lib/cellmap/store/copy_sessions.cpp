@@ -1,0 +1,137 @@
+#include "cellmap/store/copy_sessions.hpp"
+
+#include <algorithm>
+
+#include "cellmap/codec/zstd.hpp"
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+std::vector<CellRecord> cells_of(const Store& store, const std::string& map,
+                                 const std::string& session) {
+  std::vector<CellRecord> cells;
+  CellQuery query;
+  query.session = session;
+  query.limit = 10'000;
+  do {
+    const CellPage page = store.cells(map, query);
+    cells.insert(cells.end(), page.cells.begin(), page.cells.end());
+    query.cursor = page.next_cursor;
+  } while (!query.cursor.empty());
+  std::ranges::sort(cells, {}, &CellRecord::sequence);
+  return cells;
+}
+
+/// One copy: what it knows of both maps.
+class Copy {
+ public:
+  Copy(Store& store, const std::string& from, const std::string& to)
+      : store_(store),
+        from_(from),
+        to_(to),
+        source_(store.pose_graph(from)),
+        joins_others_(store.map(to).cells > 0),
+        next_(store.pose_graph(to).new_cell_id()) {
+    if (store.map(from).lattice != store.map(to).lattice) {
+      throw Error(ErrorCode::kInvalidArgument, "maps " + from + " and " + to +
+                                                   " have different lattices; their CELLs cannot "
+                                                   "be compared");
+    }
+  }
+
+  /// The CELLs of a session that are still to be copied, in order.
+  std::vector<CellRecord> missing(const SessionInfo& session) {
+    const auto there = cells_of(store_, to_, session.name);
+    auto wanted = cells_of(store_, from_, session.name);
+    for (std::size_t i = 0; i < there.size(); ++i) {
+      if (i >= wanted.size() || there[i].hash != wanted[i].hash) {
+        throw Error(ErrorCode::kConflict, "map " + to_ + " has a session '" + session.name +
+                                              "' of its own; a session's name is part of its "
+                                              "CELLs, so map the drive anew under another name");
+      }
+      ids_[wanted[i].id] = there[i].id;
+    }
+    wanted.erase(wanted.begin(), wanted.begin() + static_cast<std::ptrdiff_t>(there.size()));
+    return wanted;
+  }
+
+  void add(const CellRecord& record, const CellScans* stretch) {
+    NewCell cell;
+    cell.id = next_;
+    cell.encoded = {record.hash,
+                    zstd_decompress(*store_.compressed_cell(from_, record.id), kMaxCellBytes)};
+    cell.cell = std::make_shared<const Cell>(decode_cell(cell.encoded.bytes));
+    cell.T_map_cell = source_.nodes.at(record.id);
+    cell.unaligned = joins_others_ || source_.unaligned.contains(record.id);
+    if (stretch) {
+      cell.scans = stretch->scans;
+      cell.raw_points = stretch->raw_points;
+      cell.voxel_points = stretch->voxel_points;
+    }
+    MapUpdate update;
+    update.cells.push_back(std::move(cell));
+    store_.commit(to_, update);
+    ids_[record.id] = next_;
+    ++next_.value;
+  }
+
+  std::map<CellId, CellId> finish() {
+    MapUpdate update;
+    for (Constraint constraint : source_.constraints) {
+      const auto a = ids_.find(constraint.from), b = ids_.find(constraint.to);
+      if (a == ids_.end() || b == ids_.end()) continue;
+      constraint.from = a->second;
+      constraint.to = b->second;
+      constraint.id = {};
+      update.add_constraints.push_back(std::move(constraint));
+    }
+    store_.commit(to_, update);
+    return std::move(ids_);
+  }
+
+ private:
+  Store& store_;
+  const std::string &from_, &to_;
+  const PoseGraph source_;
+  const bool joins_others_;
+  CellId next_;
+  std::map<CellId, CellId> ids_;
+};
+
+}  // namespace
+
+std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
+                                       const std::set<std::string>& sessions, const std::string& to,
+                                       const std::stop_token& stop,
+                                       const ProgressCallback& progress) {
+  Copy copy(store, from, to);
+  std::vector<std::pair<SessionInfo, std::vector<CellRecord>>> work;  // refused before it begins
+  std::size_t found = 0;
+  for (const SessionInfo& session : store.sessions(from)) {
+    if (!sessions.contains(session.name)) continue;
+    ++found;
+    work.emplace_back(session, copy.missing(session));
+  }
+  if (found < sessions.size()) {
+    throw Error(ErrorCode::kNotFound, "map " + from + " does not have all of these sessions");
+  }
+  Progress done;
+  for (const auto& [session, cells] : work) {
+    store.create_session(to, session);
+    std::map<CellId, CellScans> stretches;
+    for (CellScans& stretch : store.scans(from, session.name)) {
+      stretches.emplace(stretch.cell, std::move(stretch));
+    }
+    for (const CellRecord& cell : cells) {
+      throw_if_stopped(stop);
+      const auto stretch = stretches.find(cell.id);
+      copy.add(cell, stretch == stretches.end() ? nullptr : &stretch->second);
+      ++done.cells_done;
+      if (progress) progress(done);
+    }
+  }
+  return copy.finish();
+}
+
+}  // namespace cellmap

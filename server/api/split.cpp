@@ -1,0 +1,67 @@
+#include "cellmap/core/error.hpp"
+#include "cellmap/store/copy_sessions.hpp"
+#include "server/api/api.hpp"
+
+// POST /v1/maps/{map}/split.
+
+namespace cellmap::server {
+namespace {
+
+constexpr std::size_t kMaxBody = 64u << 10;
+constexpr std::size_t kMaxSessions = 1000;
+
+struct SplitRequest {
+  std::set<std::string> sessions;
+  std::string into;
+};
+
+SplitRequest read_request(const Json& json) {
+  SplitRequest request;
+  ObjectReader reader(json, "the split");
+  const Json* sessions = reader.array("sessions", kMaxSessions);
+  const auto into = reader.text("into");
+  reader.finish();
+  if (!sessions || !into) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "Expected 'sessions', an array of names, and 'into', the name of a new map.");
+  }
+  request.sessions = session_names(*sessions);
+  request.into = *into;
+  return request;
+}
+
+/// The sessions leave only when they are stored in the other map.
+Response split(Services& services, const Call& call) {
+  const auto state = services.maps.open(call.path("map"));
+  const SplitRequest request = read_request(call.json());
+  Store& store = services.store;
+  const std::lock_guard lock(state->writer());
+  if (services.jobs.has_unfinished(state->name())) {
+    throw Error(ErrorCode::kConflict, "The map has unfinished jobs; cancel them first.");
+  }
+  store.create_map(request.into, state->lattice()->spec());
+  try {
+    copy_sessions(store, state->name(), request.sessions, request.into);
+  } catch (...) {
+    store.delete_map(request.into);
+    throw;
+  }
+  store.set_georeference(request.into, store.map(state->name()).georeference);
+  MapUpdate update;
+  update.remove_sessions = request.sessions;
+  store.commit(state->name(), update);
+  Response response = json_response(to_json(store.map(request.into)), 201);
+  response.headers.set("Location", "/v1/maps/" + request.into);
+  return response;
+}
+
+}  // namespace
+
+void add_split_route(Router& router, Services& services) {
+  router.add(
+      {"POST", "/v1/maps/{map}/split", {}, kMaxBody, {"application/json"}, [&](const Call& call) {
+         return split(services, call);
+       }});
+}
+
+}  // namespace cellmap::server
