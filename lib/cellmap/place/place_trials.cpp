@@ -19,8 +19,9 @@ constexpr double kSamePlaceM = 5.0;
 /// The most alike places are tried first, by themselves, then more of them, then all: most queries
 /// are answered by the first few.
 constexpr std::array<std::size_t, 2> kRounds = {3, 10};
-/// Of answers that are not certain, none is given whose structure agrees less than another place's.
-constexpr double kAtLeastEqual = 0.0;
+/// Similarity from above that an answer which is not certain needs: a second opinion that has seen
+/// neither planes nor sight lines.
+constexpr double kLooksAlike = 0.38;
 /// An answer that is believed this much ends the search.
 constexpr double kCertain = 0.995;
 /// From this place on, fewer starts are tried.
@@ -100,10 +101,16 @@ double distance_m(const RelocalisationCandidate& a, const RelocalisationCandidat
   return (a.T_map_scan.translation() - b.T_map_scan.translation()).norm();
 }
 
+/// Orders what was registered but not refined: right places have settled to the noise of the
+/// sensor.
+double promise(const RegistrationScores& scores) {
+  return agreement(scores) - 10 * std::min(scores.median_residual_m, 0.1);
+}
+
 bool better(const Tried& a, const Tried& b) {
   if (a.refined != b.refined) return a.refined;
   if (a.refined) return a.candidate.confidence > b.candidate.confidence;
-  return agreement(a.candidate.registration.scores) > agreement(b.candidate.registration.scores);
+  return promise(a.candidate.registration.scores) > promise(b.candidate.registration.scores);
 }
 
 /// One search: what it is about and how far it has come.
@@ -244,7 +251,7 @@ class Trials {
   /// Of what was not refined yet, the best; and unless that settles it, the next best and the best
   /// elsewhere, which shows whether the first stands out.
   void refine_best() {
-    constexpr std::size_t kMost = 4, kElsewhere = 1;
+    constexpr std::size_t kMost = 5, kElsewhere = 1;
     std::vector<Tried*> open;
     for (Tried& tried : tried_) {
       if (!tried.refined) open.push_back(&tried);
@@ -283,7 +290,7 @@ class Trials {
     compare_best();
     RelocalisationCandidate& best = tried_.front().candidate;
     best.accepted = is_certain() ||
-                    (is_believed(best, options_.min_confidence) && best.dominance >= kAtLeastEqual);
+                    (is_believed(best, options_.min_confidence) && best.similarity >= kLooksAlike);
     for (Tried& tried : tried_) candidates.push_back(std::move(tried.candidate));
     return candidates;
   }
