@@ -258,7 +258,7 @@ void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs) {
       ->check(CLI::ExistingDirectory);
   verb->add_option("--trials", options->trials_file, "Write every query's outcome as CSV");
   verb->add_option("--threads", options->threads,
-                   "Of the simulator and of each query; 0: all. Times are meant for 1")
+                   "Of the simulator and of each query; 0: all. With 1, times are processor time")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
   add_town_options(*verb, options->town);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 #include <random>
 
@@ -54,15 +56,50 @@ TEST(Columns, KeepWhatStandsWithinReachAndTheTopOfEach) {
   EXPECT_FLOAT_EQ(columns.all()[0].upright, 3.0f);
 }
 
-TEST(PlaceSignature, KeysOfOnePlaceAgreeAtAnyHeadingAndOfOthersDoNot) {
-  const PlaceSignature::Key key = PlaceSignature(Columns(town(1))).key();
-  for (const double yaw_deg : {6.0, 45.0, 133.0, 270.0}) {
-    const Columns again(turned(town(1), yaw_deg * kDeg));
-    EXPECT_GT(key.dot(PlaceSignature(again).key()), 0.95f) << yaw_deg;
+/// Without what lies between the azimuths -30 and 90 deg.
+PointCloud with_a_missing_part(const PointCloud& points) {
+  PointCloud rest;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double azimuth = std::atan2(points.y[i], points.x[i]);
+    if (azimuth < -30 * kDeg || azimuth > 90 * kDeg) rest.push_back(points[i]);
   }
-  for (const unsigned other : {2u, 3u, 4u}) {
-    EXPECT_LT(key.dot(PlaceSignature(Columns(town(other))).key()), 0.9f);
+  return rest;
+}
+
+TEST(Columns, KnowWhichSectorsWereSeen) {
+  const Columns all(town(1)), some(with_a_missing_part(town(1)));
+  EXPECT_TRUE(all.sees_all());
+  EXPECT_FALSE(some.sees_all());
+  for (std::size_t s = 0; s < Columns::kSectors; ++s) {
+    const double middle_deg = -180 + 6 * (static_cast<double>(s) + 0.5);
+    EXPECT_EQ(some.seen()[s], middle_deg < -30 || middle_deg > 90) << middle_deg;
   }
+}
+
+/// What was not seen neither counts for a place nor against it.
+TEST(PlaceSignature, AMissingPartOfTheViewHardlyLowersTheAgreement) {
+  const PlaceSignature place{Columns(town(1))}, other{Columns(town(2))};
+  const Columns columns(with_a_missing_part(town(1)));
+  const PlaceSignature view(columns);
+  const auto agreement = [&](const PlaceSignature& with) {
+    return (with.correlate(view).array() / with.visible_share(columns.seen()).array()).eval();
+  };
+  EXPECT_GT(agreement(place)[0], 0.85f);
+  EXPECT_LT(agreement(other).maxCoeff(), 0.6f);
+}
+
+/// The scan over all CELLs against one signature after the other.
+TEST(PlaceSignature, ComparingManyViewsAtOnceIsComparingEach) {
+  const PlaceSignature place{Columns(town(1))};
+  std::vector<PlaceSignature> views;
+  for (const double x : {-2.0, 0.0, 2.0, 4.0}) {
+    views.emplace_back(Columns(turned(town(1), 50 * kDeg)), Eigen::Vector2d(x, 1));
+  }
+  PlaceSignature::Correlation expected = PlaceSignature::Correlation::Zero();
+  for (const PlaceSignature& view : views) expected = expected.cwiseMax(place.correlate(view));
+  std::array<float, PlaceSignature::kSectors> best;
+  place.correlate(PlaceSignature::side_by_side(views), PlaceSignature::kHarmonics + 1, best);
+  for (std::size_t k = 0; k < best.size(); ++k) EXPECT_NEAR(best[k], expected[k], 1e-5f) << k;
 }
 
 TEST(PlaceSignature, CorrelationPeaksAtTheTurnBetweenTwoViews) {
@@ -101,6 +138,31 @@ TEST(SignatureIndex, FindsPlaceAndPoseFromAnotherLaneAndHeading) {
     const Pose& found = alignments[0].T_cell_query;
     EXPECT_LT((found.translation() - T_cell_query.translation()).norm(), 1.6);
     EXPECT_LT(angle_between_rad(found, T_cell_query), 6.5 * kDeg);
+  }
+}
+
+/// Beyond kCompareAll CELLs most are compared by their low harmonics alone.
+TEST(SignatureIndex, InAManyTimesLargerMapTheSamePlacesAreFound) {
+  SignatureIndex index;
+  const std::size_t copies = SignatureIndex::kCompareAll / 20 + 1;
+  for (unsigned i = 0; i < 20 * copies; ++i) {
+    // Towns that differ a little from one of twenty each.
+    PointCloud points = town(1 + i % 20);
+    points.append(every_nth(town(1000 + i), 5));
+    index.add({i}, seen(points, sensor_at(0, 0, 0)));
+  }
+  ASSERT_GT(index.size(), SignatureIndex::kCompareAll);
+  std::vector<std::size_t> slots;
+  for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
+  for (const unsigned of : {3u, 11u}) {
+    const DescribedQuery query(seen(town(1 + of), sensor_at(1.8, 0.3, 70 * kDeg)));
+    std::vector<std::pair<double, std::uint64_t>> one_by_one;
+    for (const auto& [id, slot] : index.slots()) {
+      one_by_one.push_back({-index.align(query, id, 1)[0].similarity, id.value});
+    }
+    std::sort(one_by_one.begin(), one_by_one.end());
+    const auto alike = index.most_alike(query, slots, 10, 1);
+    for (std::size_t k = 0; k < 10; ++k) EXPECT_EQ(alike[k].value, one_by_one[k].second) << k;
   }
 }
 

@@ -14,7 +14,7 @@ struct RelocalisationTrial {
   double confidence = 0;  ///< of the best candidate, accepted or not
   double error_m = 0;     ///< of the best candidate against the truth; infinite where there is none
   double error_deg = 0;
-  double query_ms = 0;
+  double query_ms = 0;    ///< of one thread: its processor time; of more, what passed
   double distance_m = 0;  ///< true distance to the nearest CELL's base
   double lateral_m = 0;   ///< of that, sideways from where the CELL looks, without sign
 };
@@ -50,6 +50,14 @@ struct RelocalisationReport {
     std::size_t queries = 0, found = 0;
   };
   std::vector<Bin> by_distance, by_lateral;  ///< ranges without a query are left out
+
+  /// How often the best candidates of a range of confidence [from, to) are right, accepted or not.
+  struct Reliability {
+    double from = 0, to = 0;
+    std::size_t candidates = 0, right = 0;
+    double confidence_sum = 0;  ///< over the candidates; right over it is 1 where calibrated
+  };
+  std::vector<Reliability> reliability;  ///< all ranges
 };
 
 /// Sums up the trials of a scenario. O(n log n). `highest_wrong`: confidence of the most believed

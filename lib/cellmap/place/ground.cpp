@@ -11,7 +11,8 @@ namespace cellmap {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-constexpr std::size_t kMostPoints = 1'500;
+/// Of so many points nine planes are fitted, and of more the best of them.
+constexpr std::size_t kFewPoints = 300, kMostPoints = 1'500;
 constexpr double kNearestM = 3.0, kFarthestM = 25.0;
 constexpr double kStartLeanRad = 8 * kRadPerDeg, kMostLeanRad = 15 * kRadPerDeg;
 constexpr double kLowestM = -4.0, kHighestM = -0.2;
@@ -25,6 +26,13 @@ struct GroundPlane {
   double above(const Eigen::Vector3d& p) const { return p.z() - slope.dot(p.head<2>()) - z0; }
 };
 
+std::vector<Eigen::Vector3d> evenly(const std::vector<Eigen::Vector3d>& points, std::size_t count) {
+  if (points.size() <= count) return points;
+  std::vector<Eigen::Vector3d> few;
+  for (std::size_t k = 0; k < count; ++k) few.push_back(points[k * points.size() / count]);
+  return few;
+}
+
 /// Points that the ground may pass through if the sensor leans no more than it may.
 std::vector<Eigen::Vector3d> possible_ground(const PointCloud& points) {
   std::vector<Eigen::Vector3d> found;
@@ -36,11 +44,7 @@ std::vector<Eigen::Vector3d> possible_ground(const PointCloud& points) {
     if (p.z() > kHighestM + most_slope * range || p.z() < kLowestM - most_slope * range) continue;
     found.push_back(p);
   }
-  if (found.size() <= kMostPoints) return found;
-  std::vector<Eigen::Vector3d> few;
-  for (std::size_t k = 0; k < kMostPoints; ++k)
-    few.push_back(found[k * found.size() / kMostPoints]);
-  return few;
+  return evenly(found, kMostPoints);
 }
 
 /// Of planes with this slope, the lowest height at which many points lie.
@@ -95,6 +99,7 @@ GroundFrame fit_ground(const PointCloud& cloud) {
   frame.T_ground_sensor.translation().z() = kUsualHeightM;
   const std::vector<Eigen::Vector3d> points = possible_ground(cloud);
   if (points.size() < 50) return frame;
+  const std::vector<Eigen::Vector3d> few = evenly(points, kFewPoints);
   GroundPlane best;
   std::size_t most = 0;
   for (int start = -1; start < 8; ++start) {
@@ -103,15 +108,18 @@ GroundFrame fit_ground(const PointCloud& cloud) {
       const double towards = start * std::numbers::pi / 4;
       plane.slope = std::tan(kStartLeanRad) * Eigen::Vector2d(std::cos(towards), std::sin(towards));
     }
-    plane.z0 = likely_height(points, plane.slope);
-    plane = improved(points, plane);
-    const std::size_t agree = agreeing(points, plane);
+    plane.z0 = likely_height(few, plane.slope);
+    plane = improved(few, plane);
+    const std::size_t agree = agreeing(few, plane);
     const bool possible = plane.z0 >= kLowestM && plane.z0 <= kHighestM &&
                           plane.slope.norm() <= std::tan(kMostLeanRad);
     if (!possible || agree <= most) continue;
     best = plane;
     most = agree;
   }
+  if (most == 0) return frame;
+  best = improved(points, best);
+  most = agreeing(points, best);
   if (static_cast<double>(most) < kLeastShare * static_cast<double>(points.size())) return frame;
   return {standing_on(best), true};
 }

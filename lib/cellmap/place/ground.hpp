@@ -20,7 +20,7 @@ constexpr double kUsualHeightM = 1.7;
 /// Fits the ground near a sensor (3 to 25 m away, leaning by up to 15 deg, 0.2 to 4 m below):
 /// re-weighted least squares from nine attitudes, the one with most points within 0.15 m. Not found
 /// where fewer than a quarter of the points that could be ground agree. `points` in a sensor or
-/// CELL frame. About 0.5 ms, whatever the number of points. Deterministic.
+/// CELL frame. About 0.5 ms and what it takes to read the points. Deterministic.
 GroundFrame fit_ground(const PointCloud& points);
 
 }  // namespace cellmap

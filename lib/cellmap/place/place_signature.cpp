@@ -16,6 +16,7 @@ constexpr double kMaxRangeM = PlaceSignature::kMaxRangeM;
 constexpr float kLowestM = 0.3f, kHighestM = 8.0f;
 constexpr float kFiner = 0.7f;
 
+using Mask = Eigen::Matrix<float, kRings, kSectors>;
 using Image = Eigen::Matrix<float, PlaceSignature::kRows, kSectors>;
 /// Values of the harmonics at the sectors: column k, row s.
 using Waves = Eigen::Matrix<float, kSectors, kHarmonics + 1>;
@@ -52,33 +53,98 @@ constexpr Tables kTables = make_tables();
 Eigen::Map<const Waves> cosines() { return Eigen::Map<const Waves>(kTables.cosine.data()); }
 Eigen::Map<const Waves> sines() { return Eigen::Map<const Waves>(kTables.sine.data()); }
 
-/// Mean 0 and squared norm 1/2, so that neither heights nor counts outweigh the other.
+/// Azimuth in turns, from 0 at -180 deg to 1. Within a thousandth of a sector: a polynomial of the
+/// arctangent (Abramowitz and Stegun, 4.4.49).
+float turn_of(float x, float y) {
+  const float ax = std::abs(x), ay = std::abs(y);
+  const float most = std::max(ax, ay);
+  if (!(most > 0)) return 0.5f;
+  const float t = std::min(ax, ay) / most, t2 = t * t;
+  float angle = t * (0.9998660f +
+                     t2 * (-0.3302995f + t2 * (0.1801410f + t2 * (-0.0851330f + t2 * 0.0208351f))));
+  constexpr float kPi = std::numbers::pi_v<float>;
+  if (ay > ax) angle = kPi / 2 - angle;
+  if (x < 0) angle = kPi - angle;
+  return 0.5f + (y < 0 ? -angle : angle) * (0.5f / kPi);
+}
+
+/// Mean 0 over what was seen and squared norm 1/2, so that neither heights nor counts outweigh the
+/// other; 0 where nothing was seen.
 template <typename Block>
-void normalise(Block&& values) {
-  values.array() -= values.mean();
+void normalise(Block&& values, const Mask& seen) {
+  const float count = seen.sum();
+  if (!(count > 0)) return;
+  const float mean = values.sum() / count;
+  values.array() = (values.array() - mean) * seen.array();
   const float norm = values.norm();
   if (norm > 0) values *= std::sqrt(0.5f) / norm;
 }
 
+std::size_t sector_of(float x, float y) {
+  return std::min(static_cast<std::size_t>(turn_of(x, y) * kSectors), kSectors - 1);
+}
+
+/// Rings are finer where more is to be seen: 1.1 m wide nearby, 5.6 m at the rim.
+float ring_border_m(std::size_t ring) {
+  return static_cast<float>(kMaxRangeM) *
+         std::pow(static_cast<float>(ring) / static_cast<float>(kRings), 1 / kFiner);
+}
+
+/// The ring of a range, read off a table of steps of 0.1 m.
+class RingTable {
+ public:
+  RingTable() {
+    std::size_t i = 0;
+    for (std::size_t ring = 0; ring < kRings; ++ring) {
+      const float border = ring + 1 < kRings ? ring_border_m(ring + 1) : 2 * kMaxRangeM;
+      for (; i < ring_.size() && static_cast<float>(i) * kStepM < border; ++i) {
+        ring_[i] = static_cast<std::uint8_t>(ring);
+      }
+    }
+  }
+  std::size_t of(float range_m) const {
+    return ring_[std::min(static_cast<std::size_t>(range_m / kStepM), ring_.size() - 1)];
+  }
+
+ private:
+  static constexpr float kStepM = 0.1f;
+  std::array<std::uint8_t, 801> ring_;
+};
+
+/// Which bins around `centre` lie in sectors that were seen from the origin.
+Mask seen_around(const Columns& columns, const Eigen::Vector2d& centre) {
+  Mask mask = Mask::Ones();
+  if (columns.sees_all()) return mask;
+  for (std::size_t ring = 0; ring < kRings; ++ring) {
+    const float range = 0.5f * (ring_border_m(ring) + ring_border_m(ring + 1));
+    for (std::size_t sector = 0; sector < kSectors; ++sector) {
+      const float azimuth =
+          ((static_cast<float>(sector) + 0.5f) / kSectors - 0.5f) * 2 * std::numbers::pi_v<float>;
+      const float x = static_cast<float>(centre.x()) + range * std::cos(azimuth);
+      const float y = static_cast<float>(centre.y()) + range * std::sin(azimuth);
+      mask(ring, sector) = columns.seen()[sector_of(x, y)] ? 1.0f : 0.0f;
+    }
+  }
+  return mask;
+}
+
 Image image_of(const Columns& columns, const Eigen::Vector2d& centre) {
   Image image = Image::Zero();
+  const RingTable rings;
   for (const Columns::Column& column : columns.all()) {
     const float x = column.x - static_cast<float>(centre.x());
     const float y = column.y - static_cast<float>(centre.y());
     const float range = std::sqrt(x * x + y * y);
     if (!(range < static_cast<float>(kMaxRangeM))) continue;
-    // Rings are finer where more is to be seen: 1.1 m wide nearby, 5.6 m at the rim.
-    const float outwards = std::pow(range / static_cast<float>(kMaxRangeM), kFiner);
-    const auto ring = std::min(static_cast<std::size_t>(outwards * kRings), kRings - 1);
-    const float turn = std::atan2(y, x) * (0.5f / std::numbers::pi_v<float>)+0.5f;
-    const auto sector = std::min(static_cast<std::size_t>(turn * kSectors), kSectors - 1);
+    const std::size_t ring = rings.of(range), sector = sector_of(x, y);
     image(ring, sector) =
         std::max(image(ring, sector), std::clamp(column.top_m, kLowestM, kHighestM) - kLowestM);
     image(kRings + ring, sector) += column.upright;
   }
   image.bottomRows<kRings>() = image.bottomRows<kRings>().array().log1p();
-  normalise(image.topRows<kRings>());
-  normalise(image.bottomRows<kRings>());
+  const Mask seen = seen_around(columns, centre);
+  normalise(image.topRows<kRings>(), seen);
+  normalise(image.bottomRows<kRings>(), seen);
   return image;
 }
 
@@ -90,6 +156,7 @@ Columns::Columns(const PointCloud& points) {
   std::vector<std::uint32_t> column_of(kSide * kSide, 0);  // position plus 1
   for (std::size_t i = 0; i < points.size(); ++i) {
     const float x = points.x[i], y = points.y[i];
+    if (std::isfinite(x) && std::isfinite(y) && (x != 0 || y != 0)) seen_[sector_of(x, y)] = true;
     if (!(std::abs(x) < kReach && std::abs(y) < kReach && points.z[i] > kLowestM)) continue;
     const std::size_t square =
         static_cast<std::size_t>(y + kReach) * kSide + static_cast<std::size_t>(x + kReach);
@@ -109,8 +176,13 @@ Columns::Columns(const PointCloud& points) {
   }
 }
 
+bool Columns::sees_all() const {
+  return std::all_of(seen_.begin(), seen_.end(), [](bool seen) { return seen; });
+}
+
 PlaceSignature::PlaceSignature(const Columns& columns, const Eigen::Vector2d& centre) {
   const Image image = image_of(columns, centre);
+  for (std::size_t s = 0; s < kSectors; ++s) energy_[s] = image.col(s).squaredNorm();
   cosine_.noalias() = image * cosines();
   sine_.noalias() = image * sines();
   // Every harmonic but the mean stands for two coefficients of the whole spectrum.
@@ -123,18 +195,6 @@ PlaceSignature::PlaceSignature(const Columns& columns, const Eigen::Vector2d& ce
   }
 }
 
-PlaceSignature::Key PlaceSignature::key() const {
-  Key key;
-  Eigen::Map<Eigen::Matrix<float, kRows, kKeyHarmonics + 1>> rows(key.data());
-  rows = (cosine_.leftCols<kKeyHarmonics + 1>().array().square() +
-          sine_.leftCols<kKeyHarmonics + 1>().array().square())
-             .sqrt();
-  rows.col(0) = cosine_.col(0);  // means have a sign
-  const float norm = key.norm();
-  if (norm > 0) key /= norm;
-  return key;
-}
-
 PlaceSignature::Correlation PlaceSignature::correlate(const PlaceSignature& other) const {
   // Of each harmonic, own times conjugate other; turning the other multiplies it by exp(i k turn).
   Eigen::Matrix<float, kHarmonics + 1, 1> even, odd;
@@ -143,6 +203,40 @@ PlaceSignature::Correlation PlaceSignature::correlate(const PlaceSignature& othe
     odd[k] = cosine_.col(k).dot(other.sine_.col(k)) - sine_.col(k).dot(other.cosine_.col(k));
   }
   return cosines() * even - sines() * odd;
+}
+
+PlaceSignature::Correlation PlaceSignature::visible_share(
+    const std::array<bool, kSectors>& seen) const {
+  constexpr float kLeast = 0.6f;
+  Correlation share;
+  for (std::size_t k = 0; k < kSectors; ++k) {
+    float sum = 0;
+    for (std::size_t s = 0; s < kSectors; ++s) sum += seen[s] ? energy_[(s + k) % kSectors] : 0.0f;
+    share[k] = std::clamp(std::sqrt(sum), kLeast, 1.0f);
+  }
+  return share;
+}
+
+simd::TurnedViews PlaceSignature::side_by_side(const std::vector<PlaceSignature>& signatures) {
+  simd::TurnedViews views;
+  views.rows = kRows;
+  views.harmonics = kHarmonics + 1;
+  views.cosine.assign(kRows * (kHarmonics + 1) * simd::TurnedViews::kViews, 0.0f);
+  views.sine = views.cosine;
+  views.cosine_of_turn = kTables.cosine.data();
+  views.sine_of_turn = kTables.sine.data();
+  for (std::size_t v = 0; v < signatures.size(); ++v) {
+    for (std::size_t i = 0; i < kRows * (kHarmonics + 1); ++i) {
+      views.cosine[i * simd::TurnedViews::kViews + v] = signatures[v].cosine_.data()[i];
+      views.sine[i * simd::TurnedViews::kViews + v] = signatures[v].sine_.data()[i];
+    }
+  }
+  return views;
+}
+
+void PlaceSignature::correlate(const simd::TurnedViews& views, std::size_t harmonics,
+                               std::array<float, kSectors>& best) const {
+  simd::correlate_turned(views, cosine_.data(), sine_.data(), harmonics, best);
 }
 
 }  // namespace cellmap

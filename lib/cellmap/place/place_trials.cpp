@@ -1,6 +1,7 @@
 #include "cellmap/place/place_trials.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -15,10 +16,16 @@ constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kGridStepM = 2.0, kGridStepRad = 5.0 * kRadPerDeg;
 /// Places farther apart than this are not the same.
 constexpr double kSamePlaceM = 5.0;
-/// A place that is not clear by itself is believed where it agrees better than others by this.
-constexpr double kDominates = 0.3;
-/// And only where query and CELL look alike from above, too.
-constexpr double kLooksAlike = 0.35;
+/// The most alike places are tried first, by themselves, then more of them, then all: most queries
+/// are answered by the first few.
+constexpr std::array<std::size_t, 2> kRounds = {3, 10};
+/// Similarity from above that an answer which is not certain needs: a second opinion that has seen
+/// neither planes nor sight lines.
+constexpr double kLooksAlike = 0.38;
+/// An answer that is believed this much ends the search.
+constexpr double kCertain = 0.995;
+/// From this place on, fewer starts are tried.
+constexpr std::size_t kLessLikely = 10, kStartsThere = 3;
 
 /// Some of the points, evenly taken: three quarters of them upright structure where there is
 /// enough.
@@ -83,19 +90,27 @@ std::vector<Pose> best_of_grid(const RegistrationTarget& target, const PointClou
   return best;
 }
 
-bool is_refined(const RelocalisationCandidate& candidate) {
-  return candidate.structure.points > 0 || candidate.structure.planes > 0;
-}
+/// A candidate and the place that it belongs to.
+struct Tried {
+  RelocalisationCandidate candidate;
+  std::size_t place = 0;
+  bool refined = false;
+};
 
 double distance_m(const RelocalisationCandidate& a, const RelocalisationCandidate& b) {
   return (a.T_map_scan.translation() - b.T_map_scan.translation()).norm();
 }
 
-bool better(const RelocalisationCandidate& a, const RelocalisationCandidate& b) {
-  if (a.accepted != b.accepted) return a.accepted;
-  if (is_refined(a) != is_refined(b)) return is_refined(a);
-  if (is_refined(a)) return a.confidence > b.confidence;
-  return agreement(a.registration.scores) > agreement(b.registration.scores);
+/// Orders what was registered but not refined: right places have settled to the noise of the
+/// sensor.
+double promise(const RegistrationScores& scores) {
+  return agreement(scores) - 10 * std::min(scores.median_residual_m, 0.1);
+}
+
+bool better(const Tried& a, const Tried& b) {
+  if (a.refined != b.refined) return a.refined;
+  if (a.refined) return a.candidate.confidence > b.candidate.confidence;
+  return promise(a.candidate.registration.scores) > promise(b.candidate.registration.scores);
 }
 
 /// One search: what it is about and how far it has come.
@@ -106,10 +121,16 @@ class Trials {
       : places_(places), query_(query), prior_(prior), options_(options) {}
 
   std::vector<RelocalisationCandidate> run() {
-    screen();
-    search();
-    decide();
-    return std::move(candidates_);
+    std::size_t done = 0;
+    for (const std::size_t until : {kRounds[0], kRounds[1], places_.size()}) {
+      if (query_.is_narrow && until < places_.size()) continue;
+      const std::size_t end = std::min(until, places_.size());
+      if (end > done) search(keep_best(screen(done, end)));
+      done = std::max(done, end);
+      refine_best();
+      if (is_certain()) break;
+    }
+    return decide();
   }
 
  private:
@@ -128,161 +149,160 @@ class Trials {
            angle_between_rad(T_a, T_b) < 0.03;
   }
 
-  void sort_attempts() {
-    std::stable_sort(attempts_.begin(), attempts_.end(), [](const Attempt& a, const Attempt& b) {
-      return agreement(a.result.scores) > agreement(b.result.scores);
-    });
-  }
-
-  /// Registers a few hundred points from every start.
-  void screen() {
-    std::vector<std::vector<Attempt>> of_place(places_.size());
-    const RegistrationOptions registration = staged(
+  /// Registers a few hundred points from every start at some of the places; best first.
+  std::vector<Attempt> screen(std::size_t begin, std::size_t end) const {
+    std::vector<std::vector<Attempt>> of_place(end - begin);
+    RegistrationOptions registration = staged(
         options_, {{10, 3.0, RobustKernel::kCauchy, 0.6}, {5, 1.0, RobustKernel::kCauchy, 0.3}});
-    parallel_for(places_.size(), 1, options_.threads, [&](std::size_t p, std::size_t) {
+    registration.judge = false;
+    parallel_for(of_place.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
+      const std::size_t p = begin + i;
+      const RegistrationTarget& target = *places_[p].target;
       std::vector<Pose> starts = places_[p].starts;
+      if (p >= kLessLikely && starts.size() > kStartsThere) starts.resize(kStartsThere);
       if (prior_) {
         const auto from_grid =
-            best_of_grid(*places_[p].target, query_.screen,
+            best_of_grid(target, query_.screen,
                          LocalPrior(*prior_, places_[p].T_map_cell)
                              .grid(places_[p].T_cell_ground, query_.T_ground_query),
                          options_.starts);
         starts.insert(starts.end(), from_grid.begin(), from_grid.end());
       }
       for (const Pose& start : starts) {
-        of_place[p].push_back(
-            {p, register_scan(*places_[p].target, query_.screen, start, registration)});
+        Attempt attempt{p, register_scan(target, query_.screen, start, registration)};
+        if (!allowed(attempt)) continue;
+        attempt.result.scores = score_scan(target, query_.screen, attempt.result.T_target_source);
+        of_place[i].push_back(std::move(attempt));
       }
     });
-    for (auto& attempts : of_place) {
-      attempts_.insert(attempts_.end(), attempts.begin(), attempts.end());
-    }
-    std::erase_if(attempts_, [&](const Attempt& a) { return !allowed(a); });
-    sort_attempts();
+    std::vector<Attempt> attempts;
+    for (const auto& some : of_place) attempts.insert(attempts.end(), some.begin(), some.end());
+    std::stable_sort(attempts.begin(), attempts.end(), [](const Attempt& a, const Attempt& b) {
+      return agreement(a.result.scores) > agreement(b.result.scores);
+    });
+    return attempts;
   }
 
-  /// The best attempts, no two alike, some of them elsewhere to compare with.
-  void keep_best() {
-    const std::size_t elsewhere_wanted = 2;
+  /// The best attempts of each place, no two alike. Places are not held against each other yet: so
+  /// few points that have not settled agree better along any long wall than at the right place.
+  std::vector<Attempt> keep_best(const std::vector<Attempt>& attempts) const {
     std::vector<Attempt> kept;
-    std::size_t elsewhere = 0;
-    for (const Attempt& attempt : attempts_) {
+    std::vector<std::size_t> of_place(places_.size(), 0);
+    for (const Attempt& attempt : attempts) {
+      if (of_place[attempt.place] >= options_.searched) continue;
       const bool known = std::any_of(kept.begin(), kept.end(),
                                      [&](const Attempt& k) { return same_answer(k, attempt); });
       if (known) continue;
-      const bool is_elsewhere =
-          !kept.empty() &&
-          (in_map(attempt).translation() - in_map(kept.front()).translation()).norm() > kSamePlaceM;
-      if (kept.size() >= options_.searched && !(is_elsewhere && elsewhere < elsewhere_wanted)) {
-        continue;
-      }
-      elsewhere += is_elsewhere;
+      ++of_place[attempt.place];
       kept.push_back(attempt);
     }
-    attempts_ = std::move(kept);
-  }
-
-  RegistrationOptions search_registration() const {
-    return staged(options_, {{6, 2.0, RobustKernel::kCauchy, 0.5},
-                             {4, 1.0, RobustKernel::kCauchy, 0.2},
-                             {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
+    return kept;
   }
 
   /// Registers a few thousand points from where the best attempts have come.
-  void search() {
-    keep_best();
-    const RegistrationOptions registration = search_registration();
-    parallel_for(attempts_.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
-      Attempt& attempt = attempts_[i];
-      attempt.result = register_scan(*places_[attempt.place].target, query_.search,
-                                     attempt.result.T_target_source, registration);
+  void search(std::vector<Attempt> attempts) {
+    RegistrationOptions registration =
+        staged(options_, {{6, 2.0, RobustKernel::kCauchy, 0.5},
+                          {4, 1.0, RobustKernel::kCauchy, 0.2},
+                          {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
+    registration.judge = false;
+    parallel_for(attempts.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
+      Attempt& attempt = attempts[i];
+      const RegistrationTarget& target = *places_[attempt.place].target;
+      attempt.result =
+          register_scan(target, query_.search, attempt.result.T_target_source, registration);
+      attempt.result.scores = score_scan(target, query_.search, attempt.result.T_target_source);
     });
-    std::erase_if(attempts_, [&](const Attempt& a) { return !allowed(a); });
-    sort_attempts();
-    for (const Attempt& attempt : attempts_) {
-      RelocalisationCandidate candidate;
-      candidate.cell = places_[attempt.place].cell;
-      candidate.similarity = places_[attempt.place].merit;
-      candidate.registration = attempt.result;
-      candidate.T_cell_scan = attempt.result.T_target_source;
-      candidate.T_map_scan = in_map(attempt);
-      candidates_.push_back(candidate);
+    std::erase_if(attempts, [&](const Attempt& a) { return !allowed(a); });
+    for (const Attempt& attempt : attempts) {
+      Tried tried;
+      tried.place = attempt.place;
+      tried.candidate.cell = places_[attempt.place].cell;
+      tried.candidate.similarity = places_[attempt.place].merit;
+      tried.candidate.registration = attempt.result;
+      tried.candidate.T_cell_scan = attempt.result.T_target_source;
+      tried.candidate.T_map_scan = in_map(attempt);
+      tried_.push_back(tried);
     }
+    std::stable_sort(tried_.begin(), tried_.end(), better);
   }
 
   /// Registers many points and says how far the pose is to be believed.
-  void refine(std::size_t i) {
-    RelocalisationCandidate& candidate = candidates_[i];
-    const PlaceToTry& place = places_[attempts_[i].place];
+  void refine(Tried& tried) const {
+    RelocalisationCandidate& candidate = tried.candidate;
+    const PlaceToTry& place = places_[tried.place];
     const RegistrationOptions registration = staged(
         options_,
         {{3, 0.5, RobustKernel::kGemanMcClure, 0.1}, {20, 0.5, RobustKernel::kGemanMcClure, 0.05}});
+    tried.refined = true;
     candidate.registration =
         register_scan(*place.target, query_.refine, candidate.T_cell_scan, registration);
     candidate.T_cell_scan = candidate.registration.T_target_source;
     candidate.T_map_scan = place.T_map_cell * candidate.T_cell_scan;
     candidate.registration.scores = score_scan(*place.target, query_.scored, candidate.T_cell_scan);
-    Attempt refined{attempts_[i].place, candidate.registration};
-    if (!allowed(refined)) return;
+    if (!allowed({tried.place, candidate.registration})) return;
     candidate.structure = score_structure(*place.target, query_.scored, candidate.T_cell_scan);
     score_facing(*place.target, query_.surfaces, candidate.T_cell_scan, candidate.structure);
     candidate.residuals = residuals_of(*place.target, query_.scored, candidate.T_cell_scan);
-    candidate.confidence = confidence_of(candidate.structure);
+    candidate.confidence =
+        confidence_of(candidate.structure, candidate.registration.degeneracy.weakest_share);
   }
 
-  /// The best few, and the best few elsewhere, which show whether the first stand out.
-  std::vector<std::size_t> worth_refining() const {
-    constexpr std::size_t kBest = 3, kElsewhere = 2;
-    std::vector<std::size_t> chosen;
-    std::size_t elsewhere = 0;
-    for (std::size_t i = 0; i < candidates_.size(); ++i) {
-      const bool is_elsewhere = distance_m(candidates_[i], candidates_.front()) > kSamePlaceM;
-      if (i >= kBest && !(is_elsewhere && elsewhere < kElsewhere)) continue;
-      elsewhere += is_elsewhere;
-      chosen.push_back(i);
+  /// Of what was not refined yet, the best; and unless that settles it, the next best and the best
+  /// elsewhere, which shows whether the first stands out.
+  void refine_best() {
+    constexpr std::size_t kMost = 5, kElsewhere = 1;
+    std::vector<Tried*> open;
+    for (Tried& tried : tried_) {
+      if (!tried.refined) open.push_back(&tried);
     }
-    return chosen;
+    std::vector<Tried*> chosen;
+    std::size_t elsewhere = 0;
+    for (Tried* tried : open) {
+      const bool is_elsewhere = distance_m(tried->candidate, open[0]->candidate) > kSamePlaceM;
+      if (chosen.size() >= kMost && !(is_elsewhere && elsewhere < kElsewhere)) continue;
+      elsewhere += is_elsewhere;
+      chosen.push_back(tried);
+    }
+    if (!chosen.empty()) refine(*chosen[0]);
+    if (chosen.empty() || chosen[0]->candidate.confidence < kCertain) {
+      parallel_for(chosen.size(), 1, options_.threads, [&](std::size_t k, std::size_t) {
+        if (k > 0) refine(*chosen[k]);
+      });
+    }
+    std::stable_sort(tried_.begin(), tried_.end(), better);
   }
 
-  bool is_believed(const RelocalisationCandidate& candidate) const {
-    return candidate.confidence >= options_.min_confidence &&
+  bool is_believed(const RelocalisationCandidate& candidate, double confidence) const {
+    return candidate.confidence >= confidence &&
            is_acceptable(candidate.registration, options_.acceptance) &&
            (prior_ || !candidate.registration.degeneracy.degenerate);
   }
 
-  void decide() {
-    if (candidates_.empty()) return;
-    refine(0);
-    compare_best();
-    if (!is_believed(candidates_[0]) || !is_clear(candidates_[0])) {
-      const std::vector<std::size_t> chosen = worth_refining();
-      parallel_for(chosen.size(), 1, options_.threads, [&](std::size_t k, std::size_t) {
-        if (chosen[k] != 0) refine(chosen[k]);
-      });
-      std::stable_sort(candidates_.begin(), candidates_.end(), better);
-      compare_best();
-    }
-    RelocalisationCandidate& best = candidates_[0];
-    best.accepted =
-        is_believed(best) &&
-        (is_clear(best) || (best.dominance >= kDominates && best.similarity >= kLooksAlike));
+  bool is_certain() const {
+    return !tried_.empty() && is_believed(tried_.front().candidate, kCertain);
   }
 
-  /// Whether it needs no comparison with other places: much is confirmed, or another CELL agrees.
-  static bool is_clear(const RelocalisationCandidate& candidate) {
-    constexpr double kMuch = 0.62;
-    return candidate.structure.tight_ratio >= kMuch ||
-           (candidate.witnesses > 0 && candidate.similarity >= kLooksAlike);
+  /// Best first.
+  std::vector<RelocalisationCandidate> decide() {
+    std::vector<RelocalisationCandidate> candidates;
+    if (tried_.empty()) return candidates;
+    compare_best();
+    RelocalisationCandidate& best = tried_.front().candidate;
+    best.accepted = is_certain() ||
+                    (is_believed(best, options_.min_confidence) && best.similarity >= kLooksAlike);
+    for (Tried& tried : tried_) candidates.push_back(std::move(tried.candidate));
+    return candidates;
   }
 
   /// What the other places say of the best one.
   void compare_best() {
-    RelocalisationCandidate& best = candidates_.front();
+    RelocalisationCandidate& best = tried_.front().candidate;
     best.dominance = 1.0;
-    best.witnesses = 0;
-    for (const RelocalisationCandidate& other : candidates_) {
+    for (std::size_t i = 1; i < tried_.size(); ++i) {
+      const RelocalisationCandidate& other = tried_[i].candidate;
       const double metres = distance_m(best, other);
-      if (is_refined(other) && metres > kSamePlaceM) {
+      if (tried_[i].refined && metres > kSamePlaceM) {
         best.dominance =
             std::min(best.dominance, agreement(best.structure) - agreement(other.structure));
       }
@@ -295,15 +315,15 @@ class Trials {
   const QueryPoints& query_;
   const std::optional<PosePrior>& prior_;
   const RelocaliseOptions& options_;
-  std::vector<Attempt> attempts_;
-  std::vector<RelocalisationCandidate> candidates_;
+  std::vector<Tried> tried_;
 };
 
 }  // namespace
 
-QueryPoints::QueryPoints(const RelocalisationQuery& query, const GroundFrame& ground,
+QueryPoints::QueryPoints(const RelocalisationQuery& query, const DescribedQuery& described,
                          const RelocaliseOptions& options)
-    : T_ground_query(ground.T_ground_sensor) {
+    : T_ground_query(described.ground().T_ground_sensor), is_narrow(described.is_narrow()) {
+  const GroundFrame& ground = described.ground();
   constexpr double kUprightM = 0.5;
   PointCloud upright, level;
   const Eigen::Vector3d up = ground.T_ground_sensor.linear().row(2);

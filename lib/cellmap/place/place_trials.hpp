@@ -4,8 +4,8 @@
 #include <optional>
 #include <vector>
 
-#include "cellmap/place/ground.hpp"
 #include "cellmap/place/relocalise.hpp"
+#include "cellmap/place/signature_index.hpp"
 
 namespace cellmap {
 
@@ -26,8 +26,10 @@ struct QueryPoints {
   PointCloud scored;  ///< evenly taken of all
   UprightSurfaces surfaces;
   Pose T_ground_query;
+  /// Less than half of the surroundings was seen: no place is certain before all were tried.
+  bool is_narrow;
 
-  QueryPoints(const RelocalisationQuery& query, const GroundFrame& ground,
+  QueryPoints(const RelocalisationQuery& query, const DescribedQuery& described,
               const RelocaliseOptions& options);
 };
 

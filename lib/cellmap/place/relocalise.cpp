@@ -143,10 +143,9 @@ struct PlaceIndex::Impl {
                                          const PoseGraph& graph,
                                          const std::optional<PosePrior>& prior,
                                          const RelocaliseOptions& options) const {
-    // Keys suffer from a missing sector more than alignments do, and few CELLs cost little.
-    constexpr std::size_t kAlwaysAligned = 600;
+    // What a place is most alike at may not be what a prior allows.
     const std::vector<CellId> cells = signatures.most_alike(
-        query, slots, std::max(options.shortlist, kAlwaysAligned), options.threads);
+        query, slots, prior ? options.shortlist : options.candidates, options.threads);
     std::vector<PlaceToTry> places(cells.size());
     parallel_for(cells.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
       places[i] = place_at(cells[i], query, graph, prior, options);
@@ -230,7 +229,7 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
       impl_->similar_places(described, slots, graph, query.prior, options);
   for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
   std::vector<RelocalisationCandidate> tried =
-      try_places(places, QueryPoints(query, described.ground(), options), query.prior, options);
+      try_places(places, QueryPoints(query, described, options), query.prior, options);
   if (!tried.empty() && tried.front().accepted) {
     answer.found = tried.front();
     answer.covariance =

@@ -47,18 +47,19 @@ struct RelocalisationQuery {
 };
 
 struct RelocaliseOptions {
-  std::size_t shortlist = 250;        ///< places most like the query that are aligned with it
-  std::size_t candidates = 10;        ///< of them, places that go on to registration
-  std::size_t starts = 6;             ///< alignments tried at each, on `screen_points`
-  std::size_t searched = 8;           ///< of all, the best that go on to `search_points`
-  std::size_t alternatives = 3;       ///< rejected or second-best answers reported
-  std::size_t screen_points = 800;    ///< of the query, for each start; about 0.06 ms
+  std::size_t shortlist = 250;      ///< with a prior: CELLs near it whose alignments are looked at
+  std::size_t candidates = 30;      ///< places most like the query that registration may try
+  std::size_t starts = 6;           ///< alignments tried at each, on `screen_points`
+  std::size_t searched = 2;         ///< at each, the best that go on to `search_points`
+  std::size_t alternatives = 3;     ///< rejected or second-best answers reported
+  std::size_t screen_points = 600;  ///< of the query, for each start; about 0.05 ms
   std::size_t search_points = 3'000;  ///< as in PoseSearchOptions
   std::size_t refine_points = 30'000;
   /// A place is believed where its registration passes this and holds every motion (not
-  /// degenerate; a prior may hold what the scene does not), and with at least this confidence.
+  /// degenerate; a prior may hold what the scene does not), with at least this confidence, and,
+  /// below 0.995, where query and CELL look alike from above too.
   AcceptanceOptions acceptance = searched_place_acceptance();
-  double min_confidence = 0.5;
+  double min_confidence = 0.85;
   RegistrationOptions registration = default_place_registration();
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 
@@ -114,9 +115,10 @@ class PlaceIndex {
   void remove(CellId id);
   std::size_t size() const;
 
-  /// Likeness of polar images from nine re-centred copies of the scan orders the places,
-  /// registration on few points orders them anew, and the best are registered with many
-  /// and accepted only where the scores agree. With a prior, only CELLs near it are tried, from a
+  /// Likeness of what both show from above, from 25 points around the scan, orders the places;
+  /// registration on few points orders them anew, and the best are registered with many and
+  /// accepted only where the scores agree. The most alike places are tried first: a certain answer
+  /// among them ends the search. With a prior, only CELLs near it are tried, from a
   /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
   /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
   /// gives the current poses of the CELLs in the index, `targets` loads the few that are registered

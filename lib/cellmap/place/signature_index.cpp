@@ -14,38 +14,40 @@ constexpr double kStepM = 2.0;
 constexpr int kSteps = 2;
 /// A bin is 4 m by 6 deg and needs no more to be described.
 constexpr std::size_t kMostPoints = 20'000;
-constexpr std::size_t kKeySize = PlaceSignature::kKeySize;
+constexpr std::size_t kSectors = PlaceSignature::kSectors;
+constexpr std::size_t kLowHarmonics = 7, kAllHarmonics = PlaceSignature::kHarmonics + 1;
 
 }  // namespace
 
 DescribedQuery::DescribedQuery(const PointCloud& points) : ground_(fit_ground(points)) {
   const PointCloud few = every_nth(points, points.size() / kMostPoints + 1);
   const Columns columns(transformed(few, ground_.T_ground_sensor));
+  seen_ = columns.seen();
+  sees_all_ = columns.sees_all();
+  std::vector<PlaceSignature> signatures;
   for (int i = -kSteps; i <= kSteps; ++i) {
     for (int j = -kSteps; j <= kSteps; ++j) {
       const Eigen::Vector2d centre = kStepM * Eigen::Vector2d(i, j);
-      const PlaceSignature signature(columns, centre);
-      copies_.push_back({centre, signature, signature.key()});
+      signatures.emplace_back(columns, centre);
+      copies_.push_back({centre, signatures.back()});
     }
   }
+  views_ = PlaceSignature::side_by_side(signatures);
 }
 
 void SignatureIndex::add(CellId id, const PointCloud& points) {
   const GroundFrame ground = fit_ground(points);
   const PlaceSignature signature{Columns(transformed(points, ground.T_ground_sensor))};
-  const PlaceSignature::Key key = signature.key();
   const auto [known, is_new] = slots_.emplace(id, ids_.size());
   if (is_new) {
     ids_.push_back(id);
     signatures_.push_back(signature);
     grounds_.push_back(ground);
-    keys_.insert(keys_.end(), key.begin(), key.end());
     return;
   }
   const std::size_t slot = known->second;
   signatures_[slot] = signature;
   grounds_[slot] = ground;
-  std::copy(key.begin(), key.end(), keys_.begin() + static_cast<std::ptrdiff_t>(slot * kKeySize));
 }
 
 void SignatureIndex::remove(CellId id) {
@@ -58,50 +60,69 @@ void SignatureIndex::remove(CellId id) {
   ids_[slot] = ids_[last];
   signatures_[slot] = signatures_[last];
   grounds_[slot] = grounds_[last];
-  std::copy_n(keys_.begin() + static_cast<std::ptrdiff_t>(last * kKeySize), kKeySize,
-              keys_.begin() + static_cast<std::ptrdiff_t>(slot * kKeySize));
   ids_.pop_back();
   signatures_.pop_back();
   grounds_.pop_back();
-  keys_.resize(last * kKeySize);
+}
+
+float SignatureIndex::likeness(const DescribedQuery& query, std::size_t slot,
+                               std::size_t harmonics) const {
+  std::array<float, kSectors> by_turn;
+  signatures_[slot].correlate(query.views(), harmonics, by_turn);
+  if (!query.sees_all()) {
+    const PlaceSignature::Correlation visible = signatures_[slot].visible_share(query.seen());
+    for (std::size_t k = 0; k < kSectors; ++k) by_turn[k] /= visible[k];
+  }
+  return *std::max_element(by_turn.begin(), by_turn.end());
+}
+
+std::vector<std::size_t> SignatureIndex::best_of(const DescribedQuery& query,
+                                                 const std::vector<std::size_t>& slots,
+                                                 std::size_t harmonics, std::size_t count,
+                                                 int threads) const {
+  std::vector<std::tuple<float, CellId, std::size_t>> ranked(slots.size());
+  parallel_for(slots.size(), 64, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      ranked[i] = {-likeness(query, slots[i], harmonics), ids_[slots[i]], slots[i]};
+    }
+  });
+  count = std::min(count, ranked.size());
+  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count),
+                    ranked.end());
+  std::vector<std::size_t> best;
+  for (std::size_t i = 0; i < count; ++i) best.push_back(std::get<2>(ranked[i]));
+  return best;
 }
 
 std::vector<CellId> SignatureIndex::most_alike(const DescribedQuery& query,
                                                const std::vector<std::size_t>& slots,
                                                std::size_t count, int threads) const {
-  std::vector<float> likeness(slots.size());
-  parallel_for(slots.size(), 256, threads, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) {
-      const Eigen::Map<const PlaceSignature::Key> key(&keys_[slots[i] * kKeySize]);
-      float best = -1;
-      // The query's keys stay in the nearest cache.
-      for (const DescribedQuery::Copy& copy : query.copies()) {
-        best = std::max(best, key.dot(copy.key));
-      }
-      likeness[i] = best;
-    }
-  });
-  std::vector<std::pair<float, CellId>> ranked;
-  for (std::size_t i = 0; i < slots.size(); ++i) ranked.push_back({-likeness[i], ids_[slots[i]]});
-  count = std::min(count, ranked.size());
-  std::partial_sort(ranked.begin(), ranked.begin() + static_cast<std::ptrdiff_t>(count),
-                    ranked.end());
+  std::vector<std::size_t> some;
+  if (slots.size() > kCompareAll) {
+    some = best_of(query, slots, kLowHarmonics, std::max(count, kShortlist), threads);
+  }
   std::vector<CellId> best;
-  for (std::size_t i = 0; i < count; ++i) best.push_back(ranked[i].second);
+  for (const std::size_t slot :
+       best_of(query, some.empty() ? slots : some, kAllHarmonics, count, threads)) {
+    best.push_back(ids_[slot]);
+  }
   return best;
 }
 
 std::vector<PlaceAlignment> SignatureIndex::align(const DescribedQuery& query, CellId cell,
                                                   std::size_t count) const {
-  constexpr std::size_t kSectors = PlaceSignature::kSectors;
   struct Peak {
     float similarity;
     std::size_t copy, turn;
   };
   const std::size_t slot = slots_.at(cell);
   std::vector<Peak> peaks;
+  const PlaceSignature::Correlation visible = query.sees_all()
+                                                  ? PlaceSignature::Correlation::Ones().eval()
+                                                  : signatures_[slot].visible_share(query.seen());
   for (std::size_t c = 0; c < query.copies().size(); ++c) {
-    const auto agreement = signatures_[slot].correlate(query.copies()[c].signature);
+    const PlaceSignature::Correlation agreement =
+        signatures_[slot].correlate(query.copies()[c].signature).cwiseQuotient(visible);
     for (std::size_t k = 0; k < kSectors; ++k) {
       const float before = agreement[(k + kSectors - 1) % kSectors];
       const float after = agreement[(k + 1) % kSectors];

@@ -191,17 +191,19 @@ bool is_acceptable(const StructureScores& scores, const StructureAcceptance& opt
          scores.share_seen_through <= options.max_share_seen_through;
 }
 
-double confidence_of(const StructureScores& scores) {
+double confidence_of(const StructureScores& scores, double weakest_share) {
+  constexpr double kHeldWell = 0.06, kNotHeld = 1e-3;
   if (scores.planes < kFewestPlanes || scores.points < kFewestStructurePoints) return 0.0;
-  const double logit = 30 * (scores.tight_ratio - 0.47) + 12 * (scores.visible_tight_ratio - 0.62) +
-                       6 * (scores.inlier_ratio - 0.42);
+  const double held = std::log(std::clamp(weakest_share, kNotHeld, kHeldWell));
+  const double logit =
+      29.24 * scores.tight_ratio + 0.61 * scores.visible_tight_ratio + 5.74 * held + 2.77;
   return 1 / (1 + std::exp(-logit));
 }
 
 AcceptanceOptions searched_place_acceptance() {
   AcceptanceOptions options;
-  options.min_inlier_ratio_hit = 0.6;
-  options.max_share_in_front = 0.13;
+  options.min_inlier_ratio_hit = 0.5;
+  options.max_share_in_front = 0.3;
   return options;
 }
 
