@@ -67,7 +67,7 @@ MapInfo build_in_store(Store& store, const std::string& map,
   Progress state{0, source.size(), 0};
   const auto commit = [&](std::optional<CellUpdate> update) {
     if (!update) return;
-    store.commit(map, to_map_update(*std::move(update)));
+    mapper.number(store.commit(map, to_map_update(*std::move(update))).constraint_ids);
     ++state.cells_done;
   };
 

@@ -1,9 +1,12 @@
 #include <CLI/CLI.hpp>
+#include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "cellmap/client/upload.hpp"
+#include "cellmap/codec/scan_batch.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/job_text.hpp"
@@ -21,7 +24,31 @@ struct Options {
   std::string map;
   bool server_path = false, cells = false;
   SessionInfo session;
+  std::size_t scans_per_request = UploadOptions{}.scans_per_request;
+  double reconnect_s = std::chrono::duration<double>(UploadOptions{}.lost_patience).count();
+
+  UploadOptions upload() const {
+    UploadOptions result;
+    result.scans_per_request = scans_per_request;
+    result.lost_patience = std::chrono::milliseconds(std::llround(reconnect_s * 1000));
+    return result;
+  }
 };
+
+/// CELLs that come from outside are tied by the server's own settings.
+void refuse_flags_without_effect(const Options& options) {
+  const MapperFlags& mapper = options.mapper;
+  if (!options.cells) return;
+  const char* const flag = mapper.no_loops                   ? "--no-loops"
+                           : mapper.no_bidirectional         ? "--no-bidirectional"
+                           : !mapper.loop_acceptance.empty() ? "--loop-acceptance"
+                                                             : nullptr;
+  if (!flag) return;
+  throw CLI::ValidationError(
+      flag,
+      "has no effect with --cells: the server ties CELLs that it is sent by settings of its "
+      "own; leave it out, or send the scans (without --cells)");
+}
 
 IngestRequest request_of(const Options& options) {
   IngestRequest request;
@@ -104,8 +131,8 @@ void run(const Options& options, const Console& console) {
       job = client.start_ingest(options.map, request_of(options));
     } else {
       const auto source = options.drive.open();
-      job = upload_drive(client, options.map, request_of(options), *source, {}, on_progress,
-                         interrupt.token());
+      job = upload_drive(client, options.map, request_of(options), *source, options.upload(),
+                         on_progress, interrupt.token());
     }
     job = client.follow_job(job.id, on_progress, interrupt.token());
   }
@@ -150,7 +177,19 @@ void add_ingest(CLI::App& app, Verbs& verbs) {
   verb->add_flag("--server-path", options->server_path,
                  "DATASET and --poses are paths on the server, under one of its data roots")
       ->excludes(cells);
+  const std::string group = "Sending scans";
+  verb->add_option("--scans-per-request", options->scans_per_request,
+                   "Scans sent together; each request costs a round trip")
+      ->check(CLI::Range(std::size_t{1}, kMaxBatchScans))
+      ->capture_default_str()
+      ->group(group);
+  verb->add_option("--reconnect", options->reconnect_s,
+                   "How long a server that was lost is tried again, seconds")
+      ->check(CLI::Range(0.0, 86'400.0))
+      ->capture_default_str()
+      ->group(group);
   add_mapper_flags(*verb, options->mapper);
+  verb->parse_complete_callback([options] { refuse_flags_without_effect(*options); });
 }
 
 }  // namespace cellmap::cli

@@ -57,6 +57,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_relocalise_route(router_, *services_);
   add_loop_routes(router_, *services_);
   add_session_routes(router_, *services_);
+  add_session_scan_routes(router_, *services_);
   add_diff_route(router_, *services_);
   add_split_route(router_, *services_);
   add_georeference_routes(router_, *services_);

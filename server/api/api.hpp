@@ -77,6 +77,7 @@ void add_change_routes(Router& router, Services& services);
 void add_relocalise_route(Router& router, Services& services);
 void add_loop_routes(Router& router, Services& services);
 void add_session_routes(Router& router, Services& services);
+void add_session_scan_routes(Router& router, Services& services);
 void add_split_route(Router& router, Services& services);
 void add_georeference_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);

@@ -1,10 +1,10 @@
-#include <algorithm>
 #include <thread>
 
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
 #include "server/api/follower.hpp"
+#include "server/api/job_document.hpp"
 #include "server/api/problem.hpp"
 
 // /v1/maps/{map}/jobs, /v1/maps/{map}/merge and /v1/jobs/{job} with events, scans and complete.
@@ -15,40 +15,6 @@ namespace {
 constexpr const char* kScanType = "application/vnd.cellmap.scan";
 constexpr std::size_t kMaxJobBody = 64u << 10;
 constexpr std::size_t kMaxScanBody = 33u << 20;
-
-template <typename T>
-Json number_or_null(const std::optional<T>& value) {
-  return value ? Json(*value) : Json();
-}
-
-Json to_json(const JobView& job) {
-  const auto& record = job.record;
-  Json progress, error;
-  if (record.state == JobState::kSucceeded) {
-    progress = 1.0;
-  } else if (record.scans_total > 0) {
-    progress = std::min(
-        1.0, static_cast<double>(record.scans_done) / static_cast<double>(record.scans_total));
-  }
-  if (!record.error_code.empty()) {
-    error = {{"code", record.error_code}, {"message", record.error_message}};
-  }
-  return {{"id", record.id.value},
-          {"map", record.map},
-          {"kind", record.kind},
-          {"state", to_string(record.state)},
-          {"session", job.session.empty() ? Json() : Json(job.session)},
-          {"scans_done", record.scans_done},
-          {"scans_total", record.scans_total},
-          {"cells_done", record.cells_done},
-          {"progress", progress},
-          {"scans_per_second", job.scans_per_second},
-          {"eta_s", number_or_null(job.eta_s)},
-          {"next_scan", number_or_null(job.next_scan)},
-          {"error", error},
-          {"created", to_rfc3339(record.created)},
-          {"updated", to_rfc3339(std::max(record.updated, record.created))}};
-}
 
 JobId job_id(const Call& call) { return JobId{call.path_id("job")}; }
 

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/scan_batch.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/scan/scan_source.hpp"
@@ -17,6 +18,7 @@ namespace cellmap::server {
 namespace {
 
 constexpr const char* kScanType = "application/vnd.cellmap.scan";
+constexpr const char* kScansType = "application/vnd.cellmap.scans";
 constexpr const char* kCellType = "application/vnd.cellmap.cell";
 constexpr std::size_t kMaxBody = 33u << 20;
 
@@ -29,20 +31,34 @@ RelocalisationQuery read_cell(const std::string& body, const Lattice& lattice) {
   return RelocalisationQuery::from_cell(cell, lattice);
 }
 
-RelocalisationQuery read_query(const Call& call, const Lattice& lattice) {
-  const auto type = call.content_type({"application/octet-stream", kScanType, kCellType});
-  const std::string body = call.content(kMaxBody);
-  if (type == kCellType) return read_cell(body, lattice);
-  PointCloud points =
-      type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
+/// Drops points as the front end does.
+void clean(PointCloud& points) {
   Scan scan = filter_scan(std::move(points), 0, {});
   if (scan.points.empty()) {
     throw Error(ErrorCode::kInvalidArgument,
-                "The scan has no usable point: " + std::to_string(scan.dropped_non_finite) +
+                "A scan has no usable point: " + std::to_string(scan.dropped_non_finite) +
                     " are not finite, " + std::to_string(scan.dropped_range) +
                     " nearer than 2 m or farther than 120 m.");
   }
-  return RelocalisationQuery::from_scan(std::move(scan.points));
+  points = std::move(scan.points);
+}
+
+RelocalisationQuery read_scans(const std::string& body) {
+  std::vector<PosedScan> scans = decode_scan_batch(as_bytes(body));
+  for (PosedScan& scan : scans) clean(scan.points);
+  return RelocalisationQuery::from_scans(scans);
+}
+
+RelocalisationQuery read_query(const Call& call, const Lattice& lattice) {
+  const auto type =
+      call.content_type({"application/octet-stream", kScanType, kScansType, kCellType});
+  const std::string body = call.content(kMaxBody);
+  if (type == kCellType) return read_cell(body, lattice);
+  if (type == kScansType) return read_scans(body);
+  PointCloud points =
+      type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
+  clean(points);
+  return RelocalisationQuery::from_scan(std::move(points));
 }
 
 std::optional<PosePrior> read_prior(const Call& call) {

@@ -193,7 +193,11 @@ JobView JobQueue::view(const LiveJob& job) {
   JobView result{
       .record = job.record, .session = job.request.session, .eta_s = {}, .next_scan = {}};
   result.version = job.version;
-  if (job.upload) result.next_scan = job.upload->next_scan();
+  if (job.upload) {
+    result.next_scan = job.upload->next_scan();
+    result.room = job.upload->room();
+    result.completed = job.upload->is_complete();
+  }
   if (job.record.state != JobState::kRunning) return result;
   const double seconds = std::chrono::duration<double>(Clock::now() - job.started).count();
   const std::uint64_t done = job.record.scans_done - job.scans_at_start;
@@ -238,6 +242,24 @@ std::vector<JobView> JobQueue::jobs(const std::string& map) const {
   return views;
 }
 
+std::optional<JobView> JobQueue::latest_job(const std::string& map,
+                                            const std::string& session) const {
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [id, job] : live_) {
+      if (job->record.map == map && job->request.session == session) return view(*job);
+    }
+  }
+  const Stamp made = store_.version(map).created;
+  std::optional<JobView> latest;
+  for (const auto& record : store_.jobs(map)) {
+    JobView job = view(record);
+    if (job.session != session || record.created < made) continue;
+    if (!latest || latest->record.id < record.id) latest = std::move(job);
+  }
+  return latest;
+}
+
 JobView JobQueue::cancel(JobId id) {
   const auto job = live(id);
   if (!job) {
@@ -264,6 +286,7 @@ std::shared_ptr<JobQueue::LiveJob> JobQueue::upload_of(JobId id) const {
 
 UploadSource::Put JobQueue::put_scan(JobId id, PosedScan scan) {
   const auto job = upload_of(id);
+  if (is_stopping()) throw Error(ErrorCode::kUnavailable, "The server is stopping.");
   if (job->stop.stop_requested()) {
     throw Error(ErrorCode::kConflict, "The job is stopping and takes no more scans.");
   }

@@ -39,6 +39,8 @@ struct JobView {
   double scans_per_second = 0;
   std::optional<double> eta_s;
   std::optional<std::uint64_t> next_scan;
+  std::size_t room = 0;       ///< scans that an unfinished upload takes without waiting
+  bool completed = false;     ///< an unfinished upload of which the client said that it has ended
   std::uint64_t version = 0;  ///< grows with every change while the job is unfinished
 };
 
@@ -61,10 +63,13 @@ class JobQueue {
   JobView submit_merge(const std::string& map, const Json& request);
   JobView job(JobId id) const;
   std::vector<JobView> jobs(const std::string& map) const;
+  /// The session's unfinished job, else its last one since the map was made, else nullopt.
+  std::optional<JobView> latest_job(const std::string& map, const std::string& session) const;
   /// Error{kConflict} where the job has ended.
   JobView cancel(JobId id);
 
-  /// Error{kConflict} where the job takes no scans (any more).
+  /// Error{kConflict} where the job takes no scans (any more), Error{kUnavailable} where the queue
+  /// stops.
   UploadSource::Put put_scan(JobId id, PosedScan scan);
   JobView complete(JobId id);
 

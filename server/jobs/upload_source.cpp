@@ -1,5 +1,7 @@
 #include "server/jobs/upload_source.hpp"
 
+#include <algorithm>
+
 #include "cellmap/core/error.hpp"
 #include "cellmap/core/progress.hpp"
 
@@ -53,6 +55,13 @@ bool UploadSource::is_complete() const {
 std::uint64_t UploadSource::next_scan() const {
   const std::lock_guard lock(mutex_);
   return next_scan_;
+}
+
+std::size_t UploadSource::room() const {
+  const std::lock_guard lock(mutex_);
+  if (queue_.empty()) return std::max<std::size_t>(options_.max_scans, 1);
+  const bool is_full = queue_.size() >= options_.max_scans || queued_points_ >= options_.max_points;
+  return is_full ? 0 : options_.max_scans - queue_.size();
 }
 
 std::optional<PosedScan> UploadSource::next() {

@@ -13,7 +13,7 @@
 namespace cellmap::server {
 
 struct UploadOptions {
-  std::size_t max_scans = 8;           ///< scans that wait; more are refused
+  std::size_t max_scans = 16;          ///< scans that wait; more are refused
   std::size_t max_points = 4'000'000;  ///< and their points, unless the queue is empty
   /// How long `put` waits for room: a client that comes back later leaves the job without work.
   std::chrono::milliseconds room_timeout = std::chrono::seconds(1);
@@ -35,6 +35,8 @@ class UploadSource : public ScanSource {
   bool is_complete() const;
   /// Index of the scan that `put` expects.
   std::uint64_t next_scan() const;
+  /// How many scans `put` would take now without waiting, as far as their points fit too.
+  std::size_t room() const;
 
   std::size_t size() const override { return scans_total_; }
   /// Blocks. Throws Error{kCancelled} when stopped and Error{kUnavailable} where no scan comes in

@@ -125,11 +125,12 @@ struct Motion {
   }
 };
 
-/// Correspondences of the whole scan: a growing list a chunk, one after the other.
+/// Correspondences of the whole scan: one growing list a thread.
 using Correspondences = std::vector<std::vector<Correspondence>>;
 
-std::size_t chunks_of(const PaperTerm& term) {
-  return (term.scan->size() + kPointsAChunk - 1) / kPointsAChunk;
+std::size_t points_a_list(const PaperTerm& term, int threads) {
+  const std::size_t lists = static_cast<std::size_t>(std::max(threads, 1));
+  return std::max<std::size_t>((term.scan->size() + lists - 1) / lists, 1);
 }
 
 std::vector<Correspondence> correspondences(const PaperTerm& term, const LatticeTree& tree,
@@ -150,9 +151,10 @@ std::vector<Correspondence> correspondences(const PaperTerm& term, const Lattice
 
 Correspondences correspondences(const PaperTerm& term, const LatticeTree& tree,
                                 const Motion& motion, int threads) {
-  Correspondences lists(chunks_of(term));
-  parallel_for(term.scan->size(), kPointsAChunk, threads, [&](std::size_t begin, std::size_t end) {
-    lists[begin / kPointsAChunk] = correspondences(term, tree, motion, begin, end);
+  const std::size_t points = points_a_list(term, threads);
+  Correspondences lists((term.scan->size() + points - 1) / points);
+  parallel_for(term.scan->size(), points, threads, [&](std::size_t begin, std::size_t end) {
+    lists[begin / points] = correspondences(term, tree, motion, begin, end);
   });
   return lists;
 }

@@ -8,7 +8,7 @@
 #include "cellmap/client/json.hpp"
 #include "cellmap/client/upload.hpp"
 #include "cellmap/codec/cell_batch.hpp"
-#include "cellmap/codec/scan_codec.hpp"
+#include "cellmap/codec/scan_batch.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "client/fake_server.hpp"
 #include "codec/samples.hpp"
@@ -268,14 +268,18 @@ class NumberedSource : public ScanSource {
 
 /// An upload job that wants scans in order, is sometimes full and jumps where told to.
 struct UploadServer {
-  std::uint64_t wanted = 3;
+  std::uint64_t wanted = 3, room = 64;
   std::optional<std::uint64_t> jump_at_5_to;
-  int full = 0;
+  int full = 0, broken = 0;
   bool complete = false, other_job_runs = false;
   JobState state = JobState::kRunning;
   std::vector<std::uint64_t> taken;
+  std::vector<std::size_t> sizes;  // of requests
   FakeServer server{[this](const httplib::Request& request, httplib::Response& response) {
-    if (request.method == "PUT") return take(request, response);
+    const bool post = request.method == "POST";
+    if (request.path == "/v1/maps/m/sessions/s/scans") {
+      return post ? take(request, response) : answer_json(response, standing(0));
+    }
     if (request.path == "/v1/maps/m/jobs" && request.method == "GET") {
       return answer_json(response, R"({"jobs":[)" + json_of(a_job(state, wanted)) + "]}");
     }
@@ -289,30 +293,46 @@ struct UploadServer {
     answer_json(response, json_of(a_job(state, wanted)), 202);
   }};
 
+  std::string standing(std::uint64_t new_scans) const {
+    return R"({"session":"s","state":"mapping","keep_from":0,"room":)" + std::to_string(room) +
+           R"(,"next_scan":)" + std::to_string(wanted) + R"(,"taken":)" +
+           std::to_string(new_scans) + R"(,"job":)" + json_of(a_job(state, wanted)) + "}";
+  }
+
   void take(const httplib::Request& request, httplib::Response& response) {
-    const auto index = std::stoull(request.path.substr(request.path.rfind('/') + 1));
     if (full > 0) {
       --full;
       answer_problem(response, 503, "unavailable", "full");
       response.set_header("Retry-After", "1");
       return;
     }
-    if (index == 5 && jump_at_5_to) {
+    if (broken > 0) {
+      --broken;
+      return answer_problem(response, 502, "io", "the gateway lost the server");
+    }
+    EXPECT_EQ(request.get_header_value("Content-Type"), "application/vnd.cellmap.scans");
+    EXPECT_EQ(request.get_header_value("Content-Encoding"), "zstd");
+    const auto scans = decode_scan_batch(zstd_decompress(bytes_of(request.body), 1 << 20));
+    sizes.push_back(scans.size());
+    if (scans.front().index == 5 && jump_at_5_to) {
       wanted = *jump_at_5_to;
       jump_at_5_to.reset();
     }
-    if (index > wanted) {
+    if (scans.front().index > wanted) {
       response.status = 409;
       response.set_content(
           R"({"code":"conflict","detail":"another","next_scan":)" + std::to_string(wanted) + "}",
           "application/problem+json");
       return;
     }
-    EXPECT_EQ(request.get_header_value("Content-Encoding"), "zstd");
-    const PosedScan scan = decode_scan(zstd_decompress(bytes_of(request.body), 1 << 20));
-    EXPECT_EQ(scan.points.x.at(0), static_cast<float>(index));
-    if (index == wanted) taken.push_back(wanted++);
-    response.status = 204;
+    std::uint64_t new_scans = 0;
+    for (const PosedScan& scan : scans) {
+      EXPECT_EQ(scan.points.x.at(0), static_cast<float>(scan.index));
+      if (scan.index != wanted || new_scans == room) continue;
+      taken.push_back(wanted++);
+      ++new_scans;
+    }
+    answer_json(response, standing(new_scans), 202);
   }
 };
 
@@ -331,12 +351,47 @@ TEST(Upload, BeginsWhereTheJobWantsItAndCompletesIt) {
   EXPECT_TRUE(upload.complete);
 }
 
+/// One scan a request.
+UploadOptions singly() {
+  UploadOptions options;
+  options.scans_per_request = 1;
+  return options;
+}
+
+TEST(Upload, SendsOneScanFirstAndThenSeveralARequest) {
+  UploadServer upload;
+  Client client(options_for(upload.server));
+  NumberedSource source(24);
+  upload_drive(client, "m", session_s(), source);
+  EXPECT_EQ(upload.taken.size(), 21u);
+  EXPECT_EQ(upload.sizes, (std::vector<std::size_t>{1, 8, 8, 4}));
+}
+
+TEST(Upload, SendsAgainWhatFoundNoRoom) {
+  UploadServer upload;
+  upload.room = 4;
+  Client client(options_for(upload.server));
+  NumberedSource source(16);
+  upload_drive(client, "m", session_s(), source);
+  EXPECT_EQ(upload.taken,
+            (std::vector<std::uint64_t>{3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}));
+}
+
+TEST(Upload, GoesOnAfterALostConnection) {
+  UploadServer upload;
+  upload.broken = 12;  // more than the attempts of one request
+  Client client(options_for(upload.server));
+  NumberedSource source(5);
+  upload_drive(client, "m", session_s(), source);
+  EXPECT_EQ(upload.taken, (std::vector<std::uint64_t>{3, 4}));
+}
+
 TEST(Upload, GoesBackWhereTheJobWantsAnEarlierScan) {
   UploadServer upload;
   upload.jump_at_5_to = 1;
   Client client(options_for(upload.server));
   NumberedSource source(7);
-  upload_drive(client, "m", session_s(), source);
+  upload_drive(client, "m", session_s(), source, singly());
   EXPECT_EQ(upload.taken, (std::vector<std::uint64_t>{3, 4, 1, 2, 3, 4, 5, 6}));
 }
 

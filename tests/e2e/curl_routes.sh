@@ -114,6 +114,13 @@ expect 404 not-found GET /v1/maps/town/loops/4000000; expect 404 not-found DELET
 expect 202 - POST /v1/maps/town/jobs "${json[@]}" -d '{"kind":"ingest","upload":true,"session":"second"}'
 expect 422 corrupt-data PUT /v1/jobs/2/scans/0 -H 'Content-Type: application/vnd.cellmap.scan' -d 'nonsense'
 expect 202 - DELETE /v1/jobs/2
+scans=/v1/maps/town/sessions/third/scans
+expect 200 - GET $scans
+expect 422 corrupt-data POST $scans -H 'Content-Type: application/vnd.cellmap.scans' -d 'nonsense'
+expect 422 corrupt-data POST $scans -H 'Content-Type: application/vnd.cellmap.scan' -H 'Transfer-Encoding: chunked' -d 'nonsense'
+expect 413 too-large POST $scans -H 'Content-Type: application/vnd.cellmap.scans' -H 'Transfer-Encoding: chunked' --data-binary "@$work/huge"
+expect 415 unsupported POST $scans "${json[@]}" -d '{}'
+expect 404 not-found POST $scans:complete; expect 404 not-found GET /v1/maps/atlantis/sessions/third/scans
 expect 400 invalid-argument PATCH /v1/maps/town/loops/1 "${json[@]}" -d '{"pinned":"yes"}'
 expect 404 not-found PATCH /v1/maps/town/loops/4000000 "${json[@]}" -d '{"pinned":true}'
 expect 404 not-found GET /v1/maps/town/georeference

@@ -270,9 +270,9 @@ TEST_F(MainJob, ExportsAreReadByOthersAndTheTrajectoryIsRight) {
 TEST_F(MainJob, AKilledServerResumesTheIngestAndTheMapIsTheSame) {
   const fs::path store = *work_ / "killed.db";
   const auto ingest = [&](const CellmapdProcess& server) {
-    return std::vector<std::string>{CELLMAP_PROGRAM, "ingest", drive(), "--server",
-                                    server.url(),    "--map",  "town",  "--session",
-                                    "monday",        "--json"};
+    return std::vector<std::string>{CELLMAP_PROGRAM, "ingest",      drive(), "--server",
+                                    server.url(),    "--map",       "town",  "--session",
+                                    "monday",        "--reconnect", "0",     "--json"};
   };
   {
     CellmapdProcess server(store);

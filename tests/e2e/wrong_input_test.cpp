@@ -123,6 +123,10 @@ TEST_F(WrongInput, OfScansLoopsAndJobs) {
                  "not-found", "123"},
            Wrong{"POST", "/v1/jobs/123/complete", "", "", 404, "not-found", "123"},
            Wrong{"GET", "/v1/jobs/123/events", "", "", 404, "not-found", "123"},
+           Wrong{"POST", "/v1/maps/m/sessions/s/scans", "application/vnd.cellmap.scans", "x", 422,
+                 "corrupt-data", "length"},
+           Wrong{"POST", "/v1/maps/m/sessions/s/scans", bin, "x", 415, "unsupported", "scans"},
+           Wrong{"POST", "/v1/maps/m/sessions/s/scans:complete", "", "", 404, "not-found", "s"},
        }) {
     expect_refused(wrong);
   }

@@ -1,5 +1,6 @@
 #include <limits>
 
+#include "cellmap/codec/scan_batch.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "server/server_fixture.hpp"
 
@@ -61,6 +62,21 @@ TEST_F(ApiRelocalise, AScanOfAnotherPlaceIsHonestlyNotFound) {
   EXPECT_FALSE(json["found"]);
   EXPECT_FALSE(json.contains("T_map_scan"));
   for (const auto& other : json["alternatives"]) EXPECT_FALSE(other["accepted"]);
+}
+
+TEST_F(ApiRelocalise, SeveralScansWithOdometryAskForThePoseOfTheLast) {
+  Bytes batch;
+  for (int i = 0; i < 3; ++i) {
+    PosedScan scan;
+    scan.index = static_cast<std::size_t>(i);
+    scan.T_odom_sensor = level_pose(100 + i, 50, 0);  // in a frame of its own
+    scan.points = new_scan(level_pose(6 + i, 0.2, 0));
+    append_to_scan_batch(batch, scan);
+  }
+  const Json json = json_of(ask("", to_text(batch), "application/vnd.cellmap.scans"));
+  ASSERT_TRUE(json["found"]) << json.dump();
+  EXPECT_NEAR(json["T_map_scan"][0], 8, 0.2);
+  expect_problem(ask("", "junk", "application/vnd.cellmap.scans"), 422, "corrupt-data");
 }
 
 TEST_F(ApiRelocalise, APriorMayComeWithACovariance) {

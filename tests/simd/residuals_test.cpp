@@ -16,7 +16,7 @@ namespace {
 struct Sample {
   std::vector<float> x, y, z, weights;
   std::vector<HessePlane> planes = {kNoPlane};
-  std::vector<std::uint32_t> index;  // of lattice points, those of the table from kFirst on
+  std::vector<std::uint32_t> index, place;  // of lattice points, those of the table from kFirst on
   static constexpr std::uint32_t kFirst = 1'000;
 
   explicit Sample(std::size_t count) {
@@ -36,6 +36,8 @@ struct Sample {
                                       0xFFFF'FFFF};
       index.push_back(i % 9 == 0 ? beyond[i / 9 % 3] : found);
     }
+    place.resize(count);
+    find_planes(table(), index.data(), count, place.data());
   }
   Points points() const { return {x.data(), y.data(), z.data()}; }
   PlaneTable table() const {
@@ -92,14 +94,14 @@ struct SlowSums {
 TEST(Accumulate, IsTheSumOverPointsForEveryKernelLengthAndInstructionSet) {
   const Sample sample(1'024);
   std::vector<float> distance(1'024);
-  distances(sample.table(), sample.index.data(), sample.points(), 1'024, distance.data());
+  distances(sample.table(), sample.place.data(), sample.points(), 1'024, distance.data());
   test::for_each_instruction_set([&](const std::string& name) {
     for (const Weighting weighting :
          {Weighting::kOne, Weighting::kCauchy, Weighting::kGemanMcClure, Weighting::kGiven}) {
       const Weights weights{weighting, 1.0f, 5.0f, sample.weights.data()};
       for (const std::size_t count : {0, 1, 3, 15, 16, 17, 511, 512, 1'024}) {
         NormalSums sums;
-        accumulate(sample.table(), sample.index.data(), sample.points(), count, weights, sums);
+        accumulate(sample.table(), sample.place.data(), sample.points(), count, weights, sums);
         const SlowSums slow(sample, distance, count, weights);
         EXPECT_EQ(sums.points, slow.sums.points) << name << ' ' << count;
         // A few units in the last place of a float for each of at most 1,024 additions a lane.
@@ -110,6 +112,19 @@ TEST(Accumulate, IsTheSumOverPointsForEveryKernelLengthAndInstructionSet) {
           EXPECT_NEAR(sums.jd[k], slow.sums.jd[k], 1e-6 * slow.scale.jd[k]) << name << ' ' << count;
         }
       }
+    }
+  });
+}
+
+TEST(FindPlanes, FindsWhatTheTableHasOfEachLatticePointOnEveryInstructionSet) {
+  const Sample sample(1'003);
+  const PlaneTable table = sample.table();
+  test::for_each_instruction_set([&](const std::string& name) {
+    std::vector<std::uint32_t> place = sample.index;
+    find_planes(table, place.data(), place.size(), place.data());
+    for (std::size_t i = 0; i < place.size(); ++i) {
+      EXPECT_EQ(&table.planes[place[i]], &table.of(sample.index[i])) << name;
+      EXPECT_EQ(place[i] == table.count, i % 9 == 0) << name;
     }
   });
 }
@@ -144,7 +159,7 @@ TEST(Distances, HaveTheSameBitsOnEveryInstructionSet) {
   std::vector<float> first;
   test::for_each_instruction_set([&](const std::string& name) {
     std::vector<float> found(1'003);
-    distances(sample.table(), sample.index.data(), sample.points(), 1'003, found.data());
+    distances(sample.table(), sample.place.data(), sample.points(), 1'003, found.data());
     if (first.empty()) first = found;
     EXPECT_EQ(found, first) << name;
   });

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <thread>
 
+#include "cellmap/client/client_impl.hpp"
 #include "cellmap/client/event_stream.hpp"
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/json.hpp"
@@ -25,12 +26,15 @@ using client::as_text;
 using client::HttpRequest;
 using client::HttpResponse;
 using client::Json;
+using client::json_request;
+using client::kScanType;
+using client::map_path;
+using client::session_path;
 
 namespace {
 
 constexpr char kCellType[] = "application/vnd.cellmap.cell";
 constexpr char kChangesType[] = "application/vnd.cellmap.changes";
-constexpr char kScanType[] = "application/vnd.cellmap.scan";
 constexpr std::size_t kBatchCells = 64;
 constexpr std::size_t kPageCells = 1000;
 constexpr std::chrono::milliseconds kMaxWait{60'000};
@@ -68,20 +72,10 @@ class Query {
   std::string text_;
 };
 
-std::string map_path(const std::string& map) { return "/v1/maps/" + percent_encoded(map); }
 std::string cell_path(const std::string& map, CellId id) {
   return map_path(map) + "/cells/" + std::to_string(id.value);
 }
-std::string session_path(const std::string& map, const std::string& session) {
-  return map_path(map) + "/sessions/" + percent_encoded(session);
-}
 std::string job_path(JobId id) { return "/v1/jobs/" + std::to_string(id.value); }
-
-HttpRequest json_request(std::string method, std::string path, const Json& body) {
-  HttpRequest request{std::move(method), std::move(path), {}, client::dump(body, false)};
-  request.headers = {{"content-type", "application/json"}, {"accept", "application/json"}};
-  return request;
-}
 
 /// "x y z qx qy qz qw", as the CELLmap-Pose header gives it.
 Pose pose_from_header(const std::string& header) {
@@ -130,51 +124,15 @@ void ClientOptions::validate() const {
   }
 }
 
-struct Client::Impl {
-  explicit Impl(ClientOptions checked) : options(std::move(checked)), transport(options) {
-    if (!options.cache_directory.empty()) {
-      cache.emplace(CellCacheOptions{options.cache_directory, options.cache_max_bytes});
-    }
-  }
-
-  Json get_json(const std::string& path) {
-    HttpRequest request{"GET", path, {{"accept", "application/json"}}, ""};
-    return client::parse_json(transport.perform(request).body);
-  }
-  Json send_json(const HttpRequest& request) {
-    return client::parse_json(transport.perform(request).body);
-  }
-  std::string get_text(const std::string& path) {
-    return transport.perform({"GET", path, {}, ""}).body;
-  }
-  /// Puts a body into a request, compressed as the options say.
-  void set_body(HttpRequest& request, const Bytes& bytes, const char* type) const {
-    request.headers["content-type"] = type;
-    if (options.compression_level == 0) {
-      request.body = as_text(bytes);
-      return;
-    }
-    request.headers["content-encoding"] = "zstd";
-    request.body = as_text(zstd_compress(bytes, options.compression_level));
-  }
-  /// Where hints on ETags are kept.
-  std::string cache_key(const std::string& map) const {
-    return to_string(transport.url()) + map_path(map);
-  }
-  CellBatch batch(const std::string& map, const Json& wanted) {
-    HttpRequest request = json_request("POST", map_path(map) + "/cells:batch", wanted);
-    request.headers["accept"] = "application/vnd.cellmap.cells";
-    request.headers["accept-encoding"] = "zstd";
-    request.max_answer_bytes = kMaxBatchBytes;
-    const HttpResponse response = transport.perform(request);
-    return {revision_from_header(response.header("cellmap-revision")), split_batch(response.body),
-            std::strtoull(response.header("cellmap-remaining").c_str(), nullptr, 10)};
-  }
-
-  ClientOptions options;
-  client::Transport transport;
-  std::optional<CellCache> cache;
-};
+CellBatch Client::Impl::batch(const std::string& map, const Json& wanted) {
+  HttpRequest request = json_request("POST", map_path(map) + "/cells:batch", wanted);
+  request.headers["accept"] = "application/vnd.cellmap.cells";
+  request.headers["accept-encoding"] = "zstd";
+  request.max_answer_bytes = kMaxBatchBytes;
+  const HttpResponse response = transport.perform(request);
+  return {revision_from_header(response.header("cellmap-revision")), split_batch(response.body),
+          std::strtoull(response.header("cellmap-remaining").c_str(), nullptr, 10)};
+}
 
 Client::Client(ClientOptions options) {
   options.validate();

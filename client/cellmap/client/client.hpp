@@ -138,6 +138,18 @@ class Client {
   /// Adds the next CELL of a drive, which the server ties to the map. Idempotent;
   /// Error{kConflict} for one that is not next.
   SessionCell put_session_cell(const std::string& map, const EncodedCell& cell);
+  /// How far the server is with the scans of a drive, also of one that has not begun.
+  SessionScans session_scans(const std::string& map, const std::string& session);
+  /// Sends the next scans of a drive in one request: 1 to `kMaxBatchScans` with indices one after
+  /// the other, and together at most `kMaxScanPoints` points. Goes into the session's upload job,
+  /// which is made where none runs. Idempotent. Fewer scans may be taken, or none where the server
+  /// wants others first: `next_scan` of the answer says where to go on. A full queue is waited out
+  /// as Retry-After says, then Error{kUnavailable}; Error{kConflict} where the session is stopped,
+  /// or read from a path.
+  SessionScans post_session_scans(const std::string& map, const std::string& session,
+                                  std::span<const PosedScan> scans);
+  /// Says that the drive has ended. Idempotent.
+  SessionScans complete_session(const std::string& map, const std::string& session);
 
   /// Removes a session with its CELLs and constraints. Error{kConflict} while jobs are unfinished.
   void delete_session(const std::string& map, const std::string& name);

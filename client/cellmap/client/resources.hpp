@@ -149,4 +149,22 @@ struct PutScanResult {
   std::uint64_t next_scan = 0;  ///< where not accepted: the index that it waits for
 };
 
+/// How far the server is with the scans of a drive.
+struct SessionScans {
+  enum class State {
+    kNew,        ///< nothing is there
+    kMapping,    ///< a job takes scans
+    kFinishing,  ///< the drive has ended, a job works on its last scans
+    kPaused,     ///< no scan came for long; the next makes a job
+    kStopped,    ///< its job was cancelled or failed: `Client::start_ingest` goes on
+    kEnded,      ///< the drive is in the map
+  };
+  State state = State::kNew;
+  std::optional<std::uint64_t> next_scan;  ///< not set where a job reads a path
+  std::uint64_t keep_from = 0;             ///< no scan before this one is asked for again
+  std::uint64_t room = 0;                  ///< scans that would be taken now without waiting
+  std::uint64_t taken = 0;                 ///< scans of this request that were new
+  std::optional<Job> job;                  ///< the unfinished one, else the last
+};
+
 }  // namespace cellmap

@@ -1,9 +1,13 @@
 #include "cellmap/client/upload.hpp"
 
 #include <optional>
+#include <span>
 #include <thread>
+#include <type_traits>
+#include <vector>
 
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/scan_batch.hpp"
 #include "cellmap/pipeline/front_end.hpp"
 
 namespace cellmap {
@@ -65,79 +69,167 @@ Job wait_until_it_runs(Client& client, Job job, const UploadOptions& options,
   return job;
 }
 
-/// Sends one scan, waiting out a full queue. Returns the index that is wanted next, or nullopt
-/// where the job has ended or a stop was requested.
-std::optional<std::uint64_t> send(Client& client, JobId id, const PosedScan& scan,
-                                  const UploadOptions& options, const std::stop_token& stop) {
-  Patience patience(options.patience);
-  while (!stop.stop_requested()) {
-    try {
-      const PutScanResult result = client.put_scan(id, scan);
-      return result.accepted ? scan.index + 1 : result.next_scan;
-    } catch (const Error& error) {
-      const bool busy = error.code() == ErrorCode::kUnavailable;
-      if (!busy && error.code() != ErrorCode::kConflict) throw;
-      const Job job = client.job(id);
-      throw_if_failed(job);
-      if (is_final(job.state)) return std::nullopt;
-      if (!busy || patience.over()) throw;
-    }
-  }
-  return std::nullopt;
-}
-
-/// Keeps the scans that are on their way few enough for the server's queue, because a queue that is
-/// full costs a whole Retry-After. Looks at the job only when the window is used up.
-class Window {
+/// Hands a drive over, several scans a request, and goes back where the server asks for it.
+class Sender {
  public:
-  Window(Client& client, const Job& job, const std::function<void(const Job&)>& on_progress)
-      : client_(client), id_(job.id), done_(job.scans_done), on_progress_(on_progress) {}
+  Sender(Client& client, std::string map, std::string session, ScanSource& source,
+         const UploadOptions& options, const std::function<void(const Job&)>& on_progress,
+         std::stop_token stop)
+      : client_(client),
+        map_(std::move(map)),
+        session_(std::move(session)),
+        source_(source),
+        options_(options),
+        on_progress_(on_progress),
+        stop_(std::move(stop)) {}
 
-  /// Returns when scan `next` has room, or after a second: then the server's answer decides.
-  void wait_for_room(std::uint64_t next, const std::stop_token& stop) {
-    constexpr std::uint64_t kScans = 8;
-    constexpr std::chrono::milliseconds kLook{20}, kLongest{1'000};
-    const auto begun = Clock::now();
-    while (next >= done_ + kScans && !stop.stop_requested()) {
-      const Job job = client_.job(id_);
-      done_ = job.scans_done;
-      if (on_progress_) on_progress_(job);
-      if (next < done_ + kScans || is_final(job.state) || Clock::now() - begun > kLongest) return;
-      std::this_thread::sleep_for(kLook);
+  /// Sends the drive from `job.next_scan` on. Returns the job, completed where all was sent.
+  Job run(Job job) {
+    job_ = std::move(job);
+    go_to(job_.next_scan.value());
+    while (!stop_.stop_requested()) {
+      wait_for_room();
+      read_ahead();
+      if (scans_.empty()) return patiently([&] { return client_.complete_upload(job_.id); });
+      const auto standing = send();
+      if (!standing) break;
+      take(*standing);
+      if (!standing->next_scan || standing->state == SessionScans::State::kEnded) break;
+      go_on_at(*standing->next_scan);
     }
+    return patiently([&] { return client_.job(job_.id); });
   }
 
  private:
+  void go_to(std::uint64_t index) {
+    scans_.clear();
+    ended_ = source_.size() > 0 && index >= source_.size();
+    if (!ended_) source_.seek(index);
+    per_request_ = 1;  // a job that goes on reads one scan, then asks for a later one
+  }
+
+  /// After a request: what was taken is let go.
+  void go_on_at(std::uint64_t next) {
+    const std::uint64_t first = scans_.front().index, end = scans_.back().index + 1;
+    if (next < first || next > end) return go_to(next);
+    scans_.erase(scans_.begin(), scans_.begin() + static_cast<std::ptrdiff_t>(next - first));
+    per_request_ = options_.scans_per_request;
+  }
+
+  void read_ahead() {
+    std::size_t points = 0;
+    for (const PosedScan& scan : scans_) points += scan.points.size();
+    while (!ended_ && scans_.size() < per_request_ && points < kPointsARequest) {
+      auto scan = source_.next();
+      ended_ = !scan;
+      if (ended_) return;
+      points += scan->points.size();
+      scans_.push_back(*std::move(scan));
+    }
+  }
+
+  /// As many scans as fit a request.
+  std::span<const PosedScan> next_request() const {
+    std::size_t count = 0, points = 0;
+    for (const PosedScan& scan : scans_) {
+      points += scan.points.size();
+      if (count > 0 && (points > kMaxScanPoints || count == per_request_)) break;
+      ++count;
+    }
+    return std::span(scans_).first(count);
+  }
+
+  /// The answer to the next request; nullopt where the job has ended or a stop was requested. A
+  /// full queue is waited out, and a lost connection.
+  std::optional<SessionScans> send() {
+    Patience patience(options_.patience);
+    while (!stop_.stop_requested()) {
+      try {
+        return client_.post_session_scans(map_, session_, next_request());
+      } catch (const Error& error) {
+        const bool conflict = error.code() == ErrorCode::kConflict;
+        if (!conflict && !is_lost(error)) throw;
+        const Job job = patiently([&] { return client_.job(job_.id); });
+        throw_if_failed(job);
+        if (is_final(job.state)) return std::nullopt;
+        if (conflict || patience.over()) throw;
+      }
+    }
+    return std::nullopt;
+  }
+
+  static bool is_lost(const Error& error) {
+    return error.code() == ErrorCode::kUnavailable || error.code() == ErrorCode::kIo;
+  }
+
+  /// Asks again while the server cannot be reached.
+  template <typename Call>
+  std::invoke_result_t<Call> patiently(const Call& call) {
+    const Patience patience(options_.lost_patience);
+    for (;;) {
+      try {
+        return call();
+      } catch (const Error& error) {
+        if (!is_lost(error) || patience.over() || stop_.stop_requested()) throw;
+      }
+      std::this_thread::sleep_for(options_.poll);
+    }
+  }
+
+  void take(const SessionScans& standing) {
+    room_ = standing.room;
+    if (!standing.job) return;
+    job_ = *standing.job;
+    if (on_progress_) on_progress_(job_);
+  }
+
+  /// Returns when half a request has room, or after a second: then the server's answer decides. A
+  /// queue that is full costs a whole Retry-After and the scans once more.
+  void wait_for_room() {
+    constexpr std::chrono::milliseconds kLook{20}, kLongest{1'000};
+    const auto begun = Clock::now();
+    while (room_ < (per_request_ + 1) / 2 && !stop_.stop_requested()) {
+      std::this_thread::sleep_for(kLook);
+      take(patiently([&] { return client_.session_scans(map_, session_); }));
+      if (is_final(job_.state) || Clock::now() - begun > kLongest) return;
+    }
+  }
+
+  static constexpr std::size_t kPointsARequest = 1'000'000;
+
   Client& client_;
-  JobId id_;
-  std::uint64_t done_;
+  std::string map_, session_;
+  ScanSource& source_;
+  UploadOptions options_;
   const std::function<void(const Job&)>& on_progress_;
+  std::stop_token stop_;
+  Job job_;
+  std::vector<PosedScan> scans_;  // read and not yet taken
+  std::size_t per_request_ = 1;
+  std::uint64_t room_ = 1;
+  bool ended_ = false;  // the source gave its last scan
 };
 
 }  // namespace
 
+void UploadOptions::validate() const {
+  if (scans_per_request < 1 || scans_per_request > kMaxBatchScans) {
+    throw Error(ErrorCode::kInvalidArgument, "scans_per_request must be 1 to " +
+                                                 std::to_string(kMaxBatchScans) + ", not " +
+                                                 std::to_string(scans_per_request));
+  }
+}
+
 Job upload_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
                  const UploadOptions& options, const std::function<void(const Job&)>& on_progress,
                  std::stop_token stop) {
+  options.validate();
   request.path.clear();
   request.scans_total = source.size();
-  Job job = wait_until_it_runs(client, start_or_join(client, map, request), options, stop);
+  const Job job = wait_until_it_runs(client, start_or_join(client, map, request), options, stop);
   throw_if_failed(job);
   if (is_final(job.state) || stop.stop_requested()) return job;
-
-  std::size_t next = job.next_scan.value();
-  if (next < source.size()) source.seek(next);
-  Window window(client, job, on_progress);
-  while (next < source.size()) {
-    window.wait_for_room(next, stop);
-    const std::optional<PosedScan> scan = source.next();
-    if (!scan) break;
-    const auto wanted = send(client, job.id, *scan, options, stop);
-    if (!wanted) return client.job(job.id);
-    next = *wanted;
-    if (next != scan->index + 1 && next < source.size()) source.seek(next);
-  }
-  return client.complete_upload(job.id);
+  return Sender(client, map, request.session, source, options, on_progress, stop).run(job);
 }
 
 SentCells upload_cells(Client& client, const std::string& map, const std::string& session,

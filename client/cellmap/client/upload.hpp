@@ -15,7 +15,15 @@ namespace cellmap {
 struct UploadOptions {
   /// How long a full queue, or a job that does not begin, is waited for while nothing moves.
   std::chrono::milliseconds patience{600'000};
+  /// How long a server that cannot be reached any more is tried again beyond the client's retries.
+  std::chrono::milliseconds lost_patience{30'000};
   std::chrono::milliseconds poll{200};  ///< between looks at a job that has not begun
+  /// 1 to `kMaxBatchScans`. More cost memory, and are taken in part where the server's queue is
+  /// shorter; fewer cost a round trip each.
+  std::size_t scans_per_request = 8;
+
+  /// Throws Error{kInvalidArgument} naming the option and its range.
+  void validate() const;
 };
 
 /// What `upload_cells` did.
@@ -36,15 +44,21 @@ SentCells upload_cells(Client& client, const std::string& map, const std::string
                        ScanSource& source, const MapperOptions& options,
                        const ProgressCallback& progress = {}, std::stop_token stop = {});
 
-/// Streams a drive from this machine into an ingest job, one scan in memory at a time, from the
-/// scan that the job expects next: it begins a session, continues one that was broken off (by
-/// the client, the network or a restart of the server), and does nothing for one that is whole.
-/// Returns the job after its last scan was handed over; it may still run: `Client::follow_job`.
+/// Streams a drive from this machine into the session's ingest job, a few scans in memory at a
+/// time, from the scan that the job expects next: it begins a session, continues one that was
+/// broken off (by the client, the network or a restart of the server), and does nothing for one
+/// that is whole. `request` names the session. Returns the job after its last scan was handed over;
+/// it may still run: `Client::follow_job`.
 ///
-/// Back-pressure: it stays a few scans ahead of the job; a full queue (503) is waited out as
-/// Retry-After says. Where a stop is requested it returns the job as it is; the same call later
-/// goes on from there. Throws the job's own error where it fails meanwhile, Error{kUnavailable}
-/// where nothing moves within the patience, and what `ScanSource::next` and `Client` throw.
+/// `source` may be a recorded drive or a robot that drives: `next` may block until there is a scan,
+/// and `size` may be 0, not known. `seek` goes forward, or back, but not before
+/// `SessionScans::keep_from`.
+///
+/// Back-pressure: it sends as many scans a request as the job has room for; a full queue (503) is
+/// waited out as Retry-After says. Where a stop is requested it returns the job as it is; the same
+/// call later goes on from there. Throws the job's own error where it fails meanwhile,
+/// Error{kUnavailable} where nothing moves within the patience, and what `ScanSource::next` and
+/// `Client` throw.
 Job upload_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
                  const UploadOptions& options = {},
                  const std::function<void(const Job&)>& on_progress = {},

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <string>
 
+#include "cellmap/codec/cell_wire.hpp"
 #include "cellmap/codec/verified_buffer.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
@@ -15,7 +16,6 @@ namespace {
 static_assert(sizeof(schema::Plane) == sizeof(Plane),
               "a struct of the format has changed: every file would become unreadable");
 
-constexpr std::uint8_t kLatticeVersion = 1;  // of every kind
 constexpr std::size_t kMaxTables = 64;
 constexpr BufferKind kCellKind = {"CELL", "CELL", kMaxCellBytes, [](flatbuffers::Verifier& v) {
                                     return schema::VerifyCellBuffer(v);
@@ -25,82 +25,12 @@ const schema::Cell& root(std::span<const std::byte> bytes) {
   return *schema::GetCell(bytes.data());
 }
 
-std::size_t hash_offset(std::span<const std::byte> bytes) {
-  const auto* hash = reinterpret_cast<const std::byte*>(root(bytes).content_hash());
-  return static_cast<std::size_t>(hash - bytes.data());
-}
-
-/// SHA-256 of the bytes with zeros in place of their own hash.
-ContentHash hash_of(std::span<const std::byte> bytes) {
-  constexpr std::array<std::byte, sizeof(ContentHash)> kZeros{};
-  const std::size_t offset = hash_offset(bytes);
-  return sha256_of_pieces({bytes.first(offset), kZeros, bytes.subspan(offset + kZeros.size())});
-}
-
-ContentHash claimed_hash(std::span<const std::byte> bytes) {
-  ContentHash claimed;
-  std::memcpy(claimed.bytes.data(), bytes.data() + hash_offset(bytes), sizeof(claimed));
-  return claimed;
-}
-
-ContentHash check_hash(std::span<const std::byte> bytes) {
-  const ContentHash claimed = claimed_hash(bytes);
-  const ContentHash actual = hash_of(bytes);
-  if (claimed != actual) {
-    throw Error(ErrorCode::kCorruptData, "the CELL is damaged: it claims the content hash " +
-                                             to_hex(claimed) + ", but its bytes have " +
-                                             to_hex(actual));
-  }
-  return actual;
-}
-
-static_assert(int(schema::LatticeKind::Fibonacci) == int(LatticeKind::kFibonacci) &&
-                  int(schema::LatticeKind::FibonacciBands) == int(LatticeKind::kFibonacciBands),
-              "both are the format's numbers");
-
-LatticeSpec lattice_from_wire(const schema::Lattice& wire) {
-  const LatticeSpec spec{static_cast<LatticeKind>(wire.kind()), wire.size()};
-  spec.validate();
-  if (wire.version() != kLatticeVersion) {
-    throw Error(ErrorCode::kUnsupported, "the CELL's lattice " + to_string(spec) + " has version " +
-                                             std::to_string(wire.version()) +
-                                             ", but this build knows only version " +
-                                             std::to_string(kLatticeVersion));
-  }
-  return spec;
-}
-
-CellStatistics statistics_from_wire(const schema::Statistics* wire) {
-  if (!wire) return {};
-  return {.points = wire->points(),
-          .points_in_planes = wire->points_in_planes(),
-          .patches_hit = wire->patches_hit(),
-          .rejected_few_points = wire->rejected_few_points(),
-          .rejected_gap = wire->rejected_gap(),
-          .rejected_planarity = wire->rejected_planarity(),
-          .rejected_grazing = wire->rejected_grazing()};
-}
-
 template <typename Value, typename WireVector>
 std::span<const Value> span_of(const WireVector& wire) {
   // The verifier does not check the alignment of structs in vectors, but that of a vector's length,
   // which is all that four-byte members need.
   static_assert(alignof(Value) == sizeof(std::uint32_t));
   return {reinterpret_cast<const Value*>(wire.Data()), wire.size()};
-}
-
-Cell header_from_wire(const schema::Cell& wire) {
-  Cell cell;
-  cell.lattice = lattice_from_wire(*wire.lattice());
-  cell.session = wire.session()->str();
-  cell.sequence = wire.sequence();
-  cell.T_odom_cell = pose_from_wire(wire.t_odom_cell(), "the CELL's pose T_odom_cell");
-  cell.first_stamp = wire.first_stamp_ns();
-  cell.last_stamp = wire.last_stamp_ns();
-  cell.first_scan = wire.first_scan();
-  cell.scan_count = wire.scan_count();
-  cell.statistics = statistics_from_wire(wire.statistics());
-  return cell;
 }
 
 flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& builder,
@@ -116,13 +46,8 @@ flatbuffers::Offset<schema::Cell> cell_to_wire(flatbuffers::FlatBufferBuilder& b
   }
   const auto indices = builder.CreateVector(cell.indices);
   const auto session = builder.CreateString(cell.session);
-  const auto lattice =
-      schema::CreateLattice(builder, static_cast<schema::LatticeKind>(cell.lattice.kind),
-                            kLatticeVersion, cell.lattice.size);
-  const CellStatistics& s = cell.statistics;
-  const auto statistics = schema::CreateStatistics(
-      builder, s.points, s.points_in_planes, s.patches_hit, s.rejected_few_points, s.rejected_gap,
-      s.rejected_planarity, s.rejected_grazing);
+  const auto lattice = lattice_to_wire(builder, cell.lattice);
+  const auto statistics = statistics_to_wire(builder, cell.statistics);
   const schema::Hash256 no_hash_yet;
   const schema::Pose T_odom_cell = pose_to_wire(cell.T_odom_cell);
   return schema::CreateCell(builder, kFormatVersion, &no_hash_yet, lattice, indices, planes,
@@ -152,9 +77,7 @@ EncodedCell encode_cell(const Cell& cell) {
   schema::FinishCellBuffer(builder, cell_to_wire(builder, cell));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
-  encoded.hash = hash_of(encoded.bytes);
-  std::memcpy(encoded.bytes.data() + hash_offset(encoded.bytes), encoded.hash.bytes.data(),
-              sizeof(ContentHash));
+  encoded.hash = write_hash(encoded.bytes, *root(encoded.bytes).content_hash());
   return encoded;
 }
 
@@ -171,7 +94,7 @@ CellView view_cell(std::span<const std::byte> bytes) {
                 "a CELL is read where it lies only from an address that is a multiple of 8");
   }
   verify_buffer(bytes, kCellKind, kMaxTables);
-  return view_with_hash(bytes, check_hash(bytes));
+  return view_with_hash(bytes, check_hash(bytes, *root(bytes).content_hash(), kCellKind.name));
 }
 
 Cell decode_cell(std::span<const std::byte> bytes) {
@@ -183,13 +106,13 @@ Cell decode_cell(std::span<const std::byte> bytes) {
 Cell decode_stored_cell(std::span<const std::byte> frame) {
   const Bytes bytes = zstd_decompress(frame, kMaxCellBytes);
   verify_buffer(bytes, kCellKind, kMaxTables);
-  return view_with_hash(bytes, claimed_hash(bytes)).to_cell();
+  return view_with_hash(bytes, hash_from_wire(*root(bytes).content_hash())).to_cell();
 }
 
 ContentHash verified_hash(std::span<const std::byte> bytes) {
-  if (!is_aligned(bytes)) return check_hash(verified_copy(bytes, kCellKind, kMaxTables));
+  if (!is_aligned(bytes)) return verified_hash(verified_copy(bytes, kCellKind, kMaxTables));
   verify_buffer(bytes, kCellKind, kMaxTables);
-  return check_hash(bytes);
+  return check_hash(bytes, *root(bytes).content_hash(), kCellKind.name);
 }
 
 }  // namespace cellmap

@@ -48,4 +48,12 @@ std::optional<CellUpdate> Mapper::finish() {
   return back_end_.integrate(std::move(*finished), graph_);
 }
 
+void Mapper::number(std::span<const ConstraintId> ids) {
+  if (ids.size() > graph_.constraints.size()) {
+    throw Error(ErrorCode::kInvalidArgument, "more ids than there are constraints");
+  }
+  std::size_t next = graph_.constraints.size() - ids.size();
+  for (const ConstraintId id : ids) graph_.constraints[next++].id = id;
+}
+
 }  // namespace cellmap

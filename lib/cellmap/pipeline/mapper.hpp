@@ -2,6 +2,7 @@
 
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "cellmap/pipeline/back_end.hpp"
@@ -28,6 +29,10 @@ class Mapper {
 
   /// Ends the drive: the CELL of the scans since the last one, if there are any.
   std::optional<CellUpdate> finish();
+
+  /// Tells the ids that a store gave to the constraints of the last update, in order: only numbered
+  /// constraints are told when they are judged otherwise later.
+  void number(std::span<const ConstraintId> ids);
 
   const PoseGraph& graph() const { return graph_; }
 

@@ -108,10 +108,12 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
 }
 
 MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse)
-    : term_(term), threads_(threads), reuse_(reuse), indices_(term.scan->size()) {}
+    : term_(term), threads_(threads), reuse_(reuse), places_(term.scan->size()) {}
 
 std::uint32_t MatchedTerm::slot_of(std::size_t point) const {
-  return indices_[point] == Lattice::kNowhere ? 0 : term_.target->slot_of(indices_[point]);
+  const simd::PlaneTable planes = term_.target->plane_table();
+  const std::uint32_t place = places_[point];
+  return place == planes.count ? 0 : term_.target->slot_of(planes.first + place);
 }
 
 bool MatchedTerm::serves(const Pose& T) const {
@@ -129,6 +131,7 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
   const simd::Motion motion = to_motion(moving_pose(term_, T));
   const PointCloud& scan = *term_.scan;
   const RegistrationTarget& target = *term_.target;
+  const simd::PlaneTable planes = target.plane_table();
   parallel_for(scan.size(), kPointsAChunk, threads_, [&](std::size_t first, std::size_t last) {
     Block block;
     for (block.begin = first; block.begin < last; block.begin += kPointsABlock) {
@@ -138,8 +141,9 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
           {scan.x.data() + block.begin, scan.y.data() + block.begin, scan.z.data() + block.begin},
           block.count, {block.x.data(), block.y.data(), block.z.data()});
       if (is_fresh_) {
-        target.lattice().nearest(block.x.data(), block.y.data(), block.z.data(),
-                                 std::span(indices_).subspan(block.begin, block.count));
+        const auto places = std::span(places_).subspan(block.begin, block.count);
+        target.lattice().nearest(block.x.data(), block.y.data(), block.z.data(), places);
+        simd::find_planes(planes, places.data(), block.count, places.data());
       }
       per_block(block, first / kPointsAChunk);
     }
@@ -150,9 +154,9 @@ void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& s
                                        NormalSystem& system) {
   const simd::Weights weights = to_weights(stage);
   const simd::PlaneTable planes = term_.target->plane_table();
-  std::vector<simd::NormalSums> chunks(chunks_of(indices_.size()));
+  std::vector<simd::NormalSums> chunks(chunks_of(places_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
-    simd::accumulate(planes, indices_.data() + block.begin, block.points(), block.count, weights,
+    simd::accumulate(planes, places_.data() + block.begin, block.points(), block.count, weights,
                      chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);
@@ -160,14 +164,14 @@ void MatchedTerm::add_normal_equations(const Pose& T, const RegistrationStage& s
 
 HitDistances MatchedTerm::distances(const Pose& T) {
   const simd::PlaneTable planes = term_.target->plane_table();
-  std::vector<float> distance_m(indices_.size());
+  std::vector<float> distance_m(places_.size());
   visit(T, [&](Block& block, std::size_t) {
-    simd::distances(planes, indices_.data() + block.begin, block.points(), block.count,
+    simd::distances(planes, places_.data() + block.begin, block.points(), block.count,
                     distance_m.data() + block.begin);
   });
-  std::vector<std::uint32_t> plane(indices_.size());
+  std::vector<std::uint32_t> plane(places_.size());
   std::size_t hits = 0;
-  for (std::size_t i = 0; i < indices_.size(); ++i) {
+  for (std::size_t i = 0; i < places_.size(); ++i) {
     const std::uint32_t slot = slot_of(i);
     plane[hits] = slot - 1;
     distance_m[hits] = distance_m[i];
@@ -175,7 +179,7 @@ HitDistances MatchedTerm::distances(const Pose& T) {
   }
   plane.resize(hits);
   distance_m.resize(hits);
-  return {indices_.size(), std::move(distance_m), std::move(plane)};
+  return {places_.size(), std::move(distance_m), std::move(plane)};
 }
 
 void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
@@ -186,14 +190,14 @@ void MatchedTerm::add_plane_weighted(const Pose& T, double gate_m,
   weight_of_slot.insert(weight_of_slot.end(), weight_of_plane.begin(), weight_of_plane.end());
   const simd::PlaneTable planes = term_.target->plane_table();
   simd::Weights weights{simd::Weighting::kGiven, static_cast<float>(gate_m), 0, nullptr};
-  std::vector<simd::NormalSums> chunks(chunks_of(indices_.size()));
+  std::vector<simd::NormalSums> chunks(chunks_of(places_.size()));
   visit(T, [&](Block& block, std::size_t chunk) {
     for (std::size_t k = 0; k < block.count; ++k) {
       block.scratch[k] = weight_of_slot[slot_of(block.begin + k)];
     }
     simd::Weights given = weights;
     given.given = block.scratch.data();
-    simd::accumulate(planes, indices_.data() + block.begin, block.points(), block.count, given,
+    simd::accumulate(planes, places_.data() + block.begin, block.points(), block.count, given,
                      chunks[chunk]);
   });
   add_to(system, chunks, term_.reverse, T);

@@ -52,7 +52,7 @@ struct ReuseBound {
   double angle_rad = 0;
 };
 
-/// All points of a term and the lattice point that each of them met when it was last looked up.
+/// All points of a term and the plane that each of them met when it was last looked up.
 /// Points are moved, looked up and summed in blocks that stay in the nearest cache, in float
 /// (simd/residuals.hpp); sums of blocks are added in double in a fixed order, so that results do
 /// not depend on the number of threads. Memory: 4 bytes a point. The term's scan and target must
@@ -91,7 +91,7 @@ class MatchedTerm {
   ReuseBound reuse_;
   std::optional<Pose> looked_up_at_;
   bool is_fresh_ = false;
-  std::vector<std::uint32_t> indices_;  // lattice points
+  std::vector<std::uint32_t> places_;  // of their planes in the target's table
 };
 
 }  // namespace cellmap

@@ -24,9 +24,6 @@ struct Vec3 {
   VF x, y, z;
 };
 
-/// Beyond every table.
-constexpr std::uint32_t kNoLatticePoint = 0xFFFF'FFFF;
-
 /// Points of one vector and their planes.
 struct Lanes {
   Vec3 p, normal;
@@ -35,16 +32,12 @@ struct Lanes {
 
 /// The planes of one vector of points. Four floats a point are read at once and transposed: a fifth
 /// of what gathering them one coordinate at a time takes.
-HWY_INLINE void load_planes(const PlaneTable& table, const std::uint32_t* index, Lanes& at) {
+HWY_INLINE void load_planes(const HessePlane* planes, const std::uint32_t* place, Lanes& at) {
   const F f;
-  const U u;
-  HWY_ALIGN std::uint32_t place[hn::MaxLanes(u)];  // as PlaneTable::of
-  const auto beyond_first = hn::Sub(hn::LoadU(u, index), hn::Set(u, table.first));
-  hn::Store(hn::Min(beyond_first, hn::Set(u, table.count)), u, place);
 #if HWY_MAX_BYTES == 16 || HWY_MAX_BYTES == 32 || HWY_MAX_BYTES == 64
   const hn::Full128<float> quarter;
   const auto plane = [&](std::size_t k)
-                         HWY_ATTR { return hn::LoadU(quarter, &table.planes[place[k]].nx); };
+                         HWY_ATTR { return hn::LoadU(quarter, &planes[place[k]].nx); };
 #if HWY_MAX_BYTES == 16
   const auto every_fourth = plane;
 #else
@@ -67,17 +60,17 @@ HWY_INLINE void load_planes(const PlaneTable& table, const std::uint32_t* index,
   at.offset = hn::InterleaveUpper(f, zo02, zo13);
 #else
   HWY_ALIGN HessePlane of_point[hn::MaxLanes(f)];
-  for (std::size_t k = 0; k < hn::Lanes(f); ++k) of_point[k] = table.planes[place[k]];
+  for (std::size_t k = 0; k < hn::Lanes(f); ++k) of_point[k] = planes[place[k]];
   hn::LoadInterleaved4(f, &of_point[0].nx, at.normal.x, at.normal.y, at.normal.z, at.offset);
 #endif
 }
 
-HWY_INLINE Lanes load(const PlaneTable& table, const std::uint32_t* index, const Points& points,
+HWY_INLINE Lanes load(const HessePlane* planes, const std::uint32_t* place, const Points& points,
                       std::size_t i) {
   const F f;
   Lanes at;
   at.p = {hn::LoadU(f, points.x + i), hn::LoadU(f, points.y + i), hn::LoadU(f, points.z + i)};
-  load_planes(table, index + i, at);
+  load_planes(planes, place + i, at);
   return at;
 }
 
@@ -85,16 +78,29 @@ HWY_INLINE Lanes load(const PlaneTable& table, const std::uint32_t* index, const
 struct Rest {
   static constexpr std::size_t kMost = hn::MaxLanes(F());
   HWY_ALIGN float x[kMost] = {}, y[kMost] = {}, z[kMost] = {};
-  std::uint32_t index[kMost];
+  std::uint32_t place[kMost];
 
-  Rest(const std::uint32_t* of, const Points& points, std::size_t begin, std::size_t end) {
-    std::fill(std::copy(of + begin, of + end, index), index + kMost, kNoLatticePoint);
+  Rest(const PlaneTable& table, const std::uint32_t* of, const Points& points, std::size_t begin,
+       std::size_t end) {
+    std::fill(std::copy(of + begin, of + end, place), place + kMost, table.count);
     std::copy(points.x + begin, points.x + end, x);
     std::copy(points.y + begin, points.y + end, y);
     std::copy(points.z + begin, points.z + end, z);
   }
-  Lanes lanes(const PlaneTable& table) const { return load(table, index, {x, y, z}, 0); }
+  Lanes lanes(const HessePlane* planes) const { return load(planes, place, {x, y, z}, 0); }
 };
+
+void FindPlanes(const PlaneTable& table, const std::uint32_t* index, std::size_t count,
+                std::uint32_t* place) {
+  const U u;
+  const std::size_t lanes = hn::Lanes(u);
+  const auto first = hn::Set(u, table.first), none = hn::Set(u, table.count);
+  std::size_t i = 0;
+  for (; i + lanes <= count; i += lanes) {
+    hn::StoreU(hn::Min(hn::Sub(hn::LoadU(u, index + i), first), none), u, place + i);
+  }
+  for (; i < count; ++i) place[i] = std::min(index[i] - table.first, table.count);
+}
 
 /// Not fused: see the header.
 HWY_INLINE VF dot(const Vec3& a, const Vec3& b) {
@@ -141,17 +147,17 @@ void Move(const Motion& motion, const Points& points, std::size_t count,
 
 HWY_INLINE VF distance_of(const Lanes& at) { return hn::Sub(dot(at.normal, at.p), at.offset); }
 
-void Distances(const PlaneTable& table, const std::uint32_t* index, const Points& points,
+void Distances(const PlaneTable& table, const std::uint32_t* place, const Points& points,
                std::size_t count, float* distance) {
   const F f;
   const std::size_t lanes = hn::Lanes(f);
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    hn::StoreU(distance_of(load(table, index, points, i)), f, distance + i);
+    hn::StoreU(distance_of(load(table.planes, place, points, i)), f, distance + i);
   }
   if (i < count) {
     HWY_ALIGN float rest[hn::MaxLanes(f)];
-    hn::Store(distance_of(Rest(index, points, i, count).lanes(table)), f, rest);
+    hn::Store(distance_of(Rest(table, place, points, i, count).lanes(table.planes)), f, rest);
     std::copy(rest, rest + (count - i), distance + i);
   }
 }
@@ -159,7 +165,7 @@ void Distances(const PlaneTable& table, const std::uint32_t* index, const Points
 /// The derivatives and the distance of some points, each times the root of its weight; their
 /// products are all that is summed.
 struct Factors {
-  static constexpr std::size_t kMost = 256;  // eight kilobytes, in the nearest cache
+  static constexpr std::size_t kMost = 512;  // 14 kilobytes, in the nearest cache
   static constexpr std::size_t kEach = 7;    // six derivatives, then the distance
   HWY_ALIGN float of[kEach][kMost];
   std::size_t points = 0;  // within the gate
@@ -179,8 +185,10 @@ HWY_INLINE void put(const Lanes& at, const Weights& weights, VF given, std::size
     if constexpr (kWeighting == Weighting::kCauchy) root = hn::Sqrt(root);
   }
   if constexpr (kWeighting == Weighting::kGiven) root = hn::Sqrt(given);
+  // A mask costs less than a product, and one for all less than one each.
+  if constexpr (kWeighting != Weighting::kOne) root = hn::IfThenElseZero(inside, root);
   const auto weighted = [&](VF value) HWY_ATTR {
-    return hn::IfThenElseZero(inside, kWeighting == Weighting::kOne ? value : root * value);
+    return kWeighting == Weighting::kOne ? hn::IfThenElseZero(inside, value) : root * value;
   };
   const Vec3 normal = {weighted(at.normal.x), weighted(at.normal.y), weighted(at.normal.z)};
   const Vec3 turn = cross(at.p, normal);
@@ -190,7 +198,7 @@ HWY_INLINE void put(const Lanes& at, const Weights& weights, VF given, std::size
   hn::Store(turn.x, f, factors.of[3] + i);
   hn::Store(turn.y, f, factors.of[4] + i);
   hn::Store(turn.z, f, factors.of[5] + i);
-  hn::Store(weighted(d), f, factors.of[6] + i);
+  hn::Store(weighted(hn::IfThenElseZero(inside, d)), f, factors.of[6] + i);
 }
 
 /// Position of row r's first product in the upper triangle.
@@ -224,7 +232,7 @@ HWY_INLINE void add_rows(const Factors& factors, std::size_t count, NormalSums& 
 }
 
 template <Weighting kWeighting>
-HWY_INLINE void accumulate_as(const PlaneTable& table, const std::uint32_t* index,
+HWY_INLINE void accumulate_as(const PlaneTable& table, const std::uint32_t* place,
                               const Points& points, std::size_t count, const Weights& weights,
                               NormalSums& sums) {
   const F f;
@@ -241,7 +249,7 @@ HWY_INLINE void accumulate_as(const PlaneTable& table, const std::uint32_t* inde
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
     const VF given = kWeighting == Weighting::kGiven ? hn::LoadU(f, weights.given + i) : one;
-    put<kWeighting>(load(table, index, points, i), weights, given, filled, factors);
+    put<kWeighting>(load(table.planes, place, points, i), weights, given, filled, factors);
     filled += lanes;
     if (filled == Factors::kMost) flush();
   }
@@ -249,25 +257,25 @@ HWY_INLINE void accumulate_as(const PlaneTable& table, const std::uint32_t* inde
     HWY_ALIGN float given[hn::MaxLanes(f)];
     std::fill(given, given + lanes, 1.0f);
     if (kWeighting == Weighting::kGiven) std::copy(weights.given + i, weights.given + count, given);
-    put<kWeighting>(Rest(index, points, i, count).lanes(table), weights, hn::Load(f, given), filled,
-                    factors);
+    put<kWeighting>(Rest(table, place, points, i, count).lanes(table.planes), weights,
+                    hn::Load(f, given), filled, factors);
     filled += lanes;
   }
   if (filled > 0) flush();
   sums.points += factors.points;
 }
 
-void Accumulate(const PlaneTable& table, const std::uint32_t* index, const Points& points,
+void Accumulate(const PlaneTable& table, const std::uint32_t* place, const Points& points,
                 std::size_t count, const Weights& weights, NormalSums& sums) {
   switch (weights.weighting) {
     case Weighting::kOne:
-      return accumulate_as<Weighting::kOne>(table, index, points, count, weights, sums);
+      return accumulate_as<Weighting::kOne>(table, place, points, count, weights, sums);
     case Weighting::kCauchy:
-      return accumulate_as<Weighting::kCauchy>(table, index, points, count, weights, sums);
+      return accumulate_as<Weighting::kCauchy>(table, place, points, count, weights, sums);
     case Weighting::kGemanMcClure:
-      return accumulate_as<Weighting::kGemanMcClure>(table, index, points, count, weights, sums);
+      return accumulate_as<Weighting::kGemanMcClure>(table, place, points, count, weights, sums);
     case Weighting::kGiven:
-      return accumulate_as<Weighting::kGiven>(table, index, points, count, weights, sums);
+      return accumulate_as<Weighting::kGiven>(table, place, points, count, weights, sums);
   }
 }
 
@@ -279,6 +287,7 @@ HWY_AFTER_NAMESPACE();
 namespace cellmap::simd {
 
 HWY_EXPORT(Move);
+HWY_EXPORT(FindPlanes);
 HWY_EXPORT(Distances);
 HWY_EXPORT(Accumulate);
 
@@ -287,14 +296,19 @@ void move(const Motion& motion, const Points& points, std::size_t count,
   HWY_DYNAMIC_DISPATCH(Move)(motion, points, count, moved);
 }
 
-void distances(const PlaneTable& table, const std::uint32_t* index, const Points& points,
-               std::size_t count, float* distance) {
-  HWY_DYNAMIC_DISPATCH(Distances)(table, index, points, count, distance);
+void find_planes(const PlaneTable& table, const std::uint32_t* lattice_index, std::size_t count,
+                 std::uint32_t* place) {
+  HWY_DYNAMIC_DISPATCH(FindPlanes)(table, lattice_index, count, place);
 }
 
-void accumulate(const PlaneTable& table, const std::uint32_t* index, const Points& points,
+void distances(const PlaneTable& table, const std::uint32_t* place, const Points& points,
+               std::size_t count, float* distance) {
+  HWY_DYNAMIC_DISPATCH(Distances)(table, place, points, count, distance);
+}
+
+void accumulate(const PlaneTable& table, const std::uint32_t* place, const Points& points,
                 std::size_t count, const Weights& weights, NormalSums& sums) {
-  HWY_DYNAMIC_DISPATCH(Accumulate)(table, index, points, count, weights, sums);
+  HWY_DYNAMIC_DISPATCH(Accumulate)(table, place, points, count, weights, sums);
 }
 
 void NormalSums::add(const NormalSums& other) {

@@ -28,9 +28,14 @@ struct Motion {
 void move(const Motion& motion, const Points& points, std::size_t count,
           const MutablePoints& moved);
 
-/// The distance of each point from the plane of its lattice point,
+/// Where the planes of lattice points lie in `table`, as PlaneTable::of. `place` may be
+/// `lattice_index`.
+void find_planes(const PlaneTable& table, const std::uint32_t* lattice_index, std::size_t count,
+                 std::uint32_t* place);
+
+/// The distance of each point from the plane at its place in the table,
 /// ((nx x + ny y) + nz z) - offset, rounded after every operation as above.
-void distances(const PlaneTable& table, const std::uint32_t* lattice_index, const Points& points,
+void distances(const PlaneTable& table, const std::uint32_t* place, const Points& points,
                std::size_t count, float* distance);
 
 /// How a point counts: not at all beyond the gate, else by the kernel of its distance d,
@@ -54,10 +59,10 @@ struct NormalSums {
   void add(const NormalSums& other);
 };
 
-/// Adds `count` points to `sums`. Each lane adds in float, to the doubles once every 256 points: of
-/// terms of one size, the relative error is at most 256 / lanes units in the last place, and grows
+/// Adds `count` points to `sums`. Each lane adds in float, to the doubles once every 512 points: of
+/// terms of one size, the relative error is at most 512 / lanes units in the last place, and grows
 /// with its square root where rounding is random.
-void accumulate(const PlaneTable& table, const std::uint32_t* lattice_index, const Points& points,
+void accumulate(const PlaneTable& table, const std::uint32_t* place, const Points& points,
                 std::size_t count, const Weights& weights, NormalSums& sums);
 
 }  // namespace cellmap::simd

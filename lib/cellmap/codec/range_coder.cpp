@@ -1,0 +1,93 @@
+#include "cellmap/codec/range_coder.hpp"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr int kTail = 4;         // bytes of a range
+constexpr int kBitsAtOnce = 16;  // a range has at least 24
+
+std::uint32_t low_bits(std::uint32_t value, int count) {
+  return value & ((std::uint32_t{1} << count) - 1);
+}
+
+}  // namespace
+
+void RangeEncoder::settle_carry() {
+  if (low_ >> 32 == 0) return;
+  low_ &= 0xffffffff;
+  auto at = bytes_.end();
+  do {
+    --at;
+    *at = static_cast<std::byte>(std::to_integer<unsigned>(*at) + 1);
+  } while (*at == std::byte{0});
+}
+
+void RangeEncoder::shift() {
+  settle_carry();
+  while (range_ < kMinRange) {
+    bytes_.push_back(static_cast<std::byte>(low_ >> 24));
+    low_ = low_ << 8 & 0xffffffff;
+    range_ <<= 8;
+  }
+}
+
+std::uint32_t RangeEncoder::bits(int count, std::uint32_t value) {
+  for (int left = count; left > 0;) {
+    const int part = std::min(left, kBitsAtOnce);
+    left -= part;
+    range_ >>= part;
+    low_ += std::uint64_t{range_} * low_bits(value >> left, part);
+    if (range_ < kMinRange) shift();
+  }
+  return value;
+}
+
+Bytes RangeEncoder::finish() && {
+  settle_carry();
+  for (int i = 0; i < kTail; ++i) {
+    bytes_.push_back(static_cast<std::byte>(low_ >> 24));
+    low_ = low_ << 8 & 0xffffffff;
+  }
+  return std::move(bytes_);
+}
+
+RangeDecoder::RangeDecoder(std::span<const std::byte> bytes) : bytes_(bytes) {
+  for (int i = 0; i < kTail; ++i) shift();
+  range_ = 0xffffffff;
+}
+
+std::uint32_t RangeDecoder::bits(int count, std::uint32_t) {
+  std::uint32_t value = 0;
+  for (int left = count; left > 0;) {
+    const int part = std::min(left, kBitsAtOnce);
+    left -= part;
+    range_ >>= part;
+    // No encoder leaves more than that; whoever does reads large numbers.
+    const std::uint32_t read = std::min(code_ / range_, (std::uint32_t{1} << part) - 1);
+    code_ -= read * range_;
+    value = value << part | read;
+    while (range_ < kMinRange) shift();
+  }
+  return value;
+}
+
+void RangeDecoder::check() const {
+  if (position_ <= bytes_.size()) return;
+  throw Error(ErrorCode::kCorruptData, "the coded planes end early: more was read than their " +
+                                           std::to_string(bytes_.size()) + " bytes");
+}
+
+void RangeDecoder::finish() const {
+  check();
+  if (position_ == bytes_.size()) return;
+  throw Error(ErrorCode::kCorruptData, "the coded planes end after " + std::to_string(position_) +
+                                           " of their " + std::to_string(bytes_.size()) + " bytes");
+}
+
+}  // namespace cellmap

@@ -1,0 +1,153 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "cellmap/codec/cell_codec.hpp"
+
+namespace cellmap {
+
+/// How likely a bit is 1, learnt from the bits before it: the mean of a fast and a slow average,
+/// so that it finds its level soon and then keeps still. Both in units of 2^-16.
+class BitModel {
+ public:
+  constexpr BitModel() = default;
+  /// Begins at `probability` / 256 that the bit is 1, 1 to 255.
+  explicit constexpr BitModel(std::uint8_t probability)
+      : fast_(static_cast<std::uint16_t>(probability << 8)), slow_(fast_) {}
+
+  /// In units of 2^-15, 35 to 32732: no bit is ever certain.
+  std::uint32_t probability() const { return (std::uint32_t{fast_} + slow_) >> 2; }
+
+  void learn(bool bit) {
+    if (bit) {
+      fast_ = static_cast<std::uint16_t>(fast_ + ((65'535 - fast_) >> kFastShift));
+      slow_ = static_cast<std::uint16_t>(slow_ + ((65'535 - slow_) >> kSlowShift));
+    } else {
+      fast_ = static_cast<std::uint16_t>(fast_ - (fast_ >> kFastShift));
+      slow_ = static_cast<std::uint16_t>(slow_ - (slow_ >> kSlowShift));
+    }
+  }
+
+ private:
+  static constexpr int kFastShift = 4, kSlowShift = 7;
+  std::uint16_t fast_ = 1u << 15, slow_ = 1u << 15;
+};
+
+/// Writes bits in as much room as their models leave (FORMAT.md, "Range coding"). What is written
+/// and what is read are one function template over `Coder`: an encoder's `bit` and `bits` take the
+/// value and return it, a decoder's return what was read.
+class RangeEncoder {
+ public:
+  bool bit(BitModel& model, bool value) {
+    const std::uint32_t bound = (range_ >> 15) * model.probability();
+    if (value) {
+      range_ = bound;
+    } else {
+      low_ += bound;
+      range_ -= bound;
+    }
+    model.learn(value);
+    if (range_ < kMinRange) shift();
+    return value;
+  }
+
+  /// `count` bits, 0 to 32, that nothing is known of.
+  std::uint32_t bits(int count, std::uint32_t value);
+
+  Bytes finish() &&;
+
+ private:
+  static constexpr std::uint32_t kMinRange = 1u << 24;
+
+  void shift();
+  void settle_carry();
+
+  Bytes bytes_;
+  std::uint64_t low_ = 0;
+  std::uint32_t range_ = 0xffffffff;
+};
+
+/// Reads any bytes without fault: beyond their end it reads zeros, which `check` reports.
+class RangeDecoder {
+ public:
+  /// `bytes` must outlive the decoder.
+  explicit RangeDecoder(std::span<const std::byte> bytes);
+
+  bool bit(BitModel& model, bool = false) {
+    const std::uint32_t bound = (range_ >> 15) * model.probability();
+    const bool value = code_ < bound;
+    if (value) {
+      range_ = bound;
+    } else {
+      code_ -= bound;
+      range_ -= bound;
+    }
+    model.learn(value);
+    while (range_ < kMinRange) shift();
+    return value;
+  }
+
+  std::uint32_t bits(int count, std::uint32_t = 0);
+
+  /// Throws Error{kCorruptData} where more was read than there is: ask now and then, so that a
+  /// short input cannot keep a decoder busy.
+  void check() const;
+
+  /// Throws Error{kCorruptData} unless all bytes were read.
+  void finish() const;
+
+ private:
+  static constexpr std::uint32_t kMinRange = 1u << 24;
+
+  void shift() {
+    const auto next = position_ < bytes_.size() ? bytes_[position_] : std::byte{0};
+    ++position_;
+    code_ = code_ << 8 | std::to_integer<std::uint32_t>(next);
+    range_ <<= 8;
+  }
+
+  std::span<const std::byte> bytes_;
+  std::size_t position_ = 0;
+  std::uint32_t code_ = 0;
+  std::uint32_t range_ = 0xffffffff;
+};
+
+/// Models of an integer that is most often small: zero or not, the sign as it comes, the number of
+/// binary digits in unary, the second digit; the other digits as they come..
+struct IntegerModel {
+  static constexpr int kDigits = 10;  ///< integers of more digits share models
+  BitModel is_zero;
+  BitModel more_digits[kDigits];
+  BitModel second_digit[kDigits];
+};
+
+/// `value` of at most `max_digits` binary digits, at most 32, beside its sign. Returns it.
+template <typename Coder>
+std::int64_t code_integer(Coder& coder, IntegerModel& model, int max_digits,
+                          std::int64_t value = 0) {
+  if (coder.bit(model.is_zero, value == 0)) return 0;
+  const bool is_negative = coder.bits(1, value < 0) != 0;
+  const auto magnitude = static_cast<std::uint64_t>(value < 0 ? -value : value);
+  const auto slot = [](int digits) {
+    return digits < IntegerModel::kDigits ? digits : IntegerModel::kDigits - 1;
+  };
+  int rest = 0;  // digits after the first
+  while (rest + 1 < max_digits && coder.bit(model.more_digits[slot(rest)], magnitude >> rest > 1)) {
+    ++rest;
+  }
+  std::uint64_t read = 1;
+  if (rest > 0) {
+    read =
+        2 | std::uint64_t{coder.bit(model.second_digit[slot(rest)], magnitude >> (rest - 1) & 1)};
+  }
+  if (rest > 1) {
+    const std::uint32_t mask = (std::uint32_t{1} << (rest - 1)) - 1;
+    read = read << (rest - 1) | coder.bits(rest - 1, static_cast<std::uint32_t>(magnitude) & mask);
+  }
+  const auto result = static_cast<std::int64_t>(read);
+  return is_negative ? -result : result;
+}
+
+}  // namespace cellmap
