@@ -19,7 +19,7 @@ ROOMS = {
     "cell": ["core", "simd", "geometry", "scan"],
     "registration": ["core", "simd", "geometry", "scan", "cell"],
     "pose_graph": ["core", "geometry", "registration"],
-    "place": ["core", "geometry", "scan", "cell", "registration", "pose_graph"],
+    "place": ["core", "geometry", "scan", "cell", "registration", "simd", "pose_graph"],
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
     "change": ["core", "geometry", "cell", "registration", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
