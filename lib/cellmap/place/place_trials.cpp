@@ -289,8 +289,9 @@ class Trials {
     if (tried_.empty()) return candidates;
     compare_best();
     RelocalisationCandidate& best = tried_.front().candidate;
-    best.accepted = is_certain() ||
-                    (is_believed(best, options_.min_confidence) && best.similarity >= kLooksAlike);
+    // A prior says where to look; what is nowhere alike there was tried all the same.
+    const bool looks_alike = prior_ || best.similarity >= kLooksAlike;
+    best.accepted = is_certain() || (is_believed(best, options_.min_confidence) && looks_alike);
     for (Tried& tried : tried_) candidates.push_back(std::move(tried.candidate));
     return candidates;
   }

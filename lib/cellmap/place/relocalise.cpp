@@ -124,7 +124,7 @@ struct PlaceIndex::Impl {
     place.cell = cell;
     place.T_map_cell = graph.nodes.at(cell);
     place.T_cell_ground = signatures.ground(cell).T_ground_sensor.inverse();
-    place.merit = -2.0;
+    place.merit = -1.0;  // nothing alike
     std::optional<LocalPrior> local;
     if (prior) local.emplace(*prior, place.T_map_cell);
     for (const PlaceAlignment& a :

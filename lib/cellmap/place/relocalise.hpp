@@ -57,7 +57,7 @@ struct RelocaliseOptions {
   std::size_t refine_points = 30'000;
   /// A place is believed where its registration passes this and holds every motion (not
   /// degenerate; a prior may hold what the scene does not), with at least this confidence, and,
-  /// below 0.995, where query and CELL look alike from above too.
+  /// below 0.995 and without a prior, where query and CELL look alike from above too.
   AcceptanceOptions acceptance = searched_place_acceptance();
   double min_confidence = 0.85;
   RegistrationOptions registration = default_place_registration();
