@@ -59,7 +59,7 @@ struct RelocaliseOptions {
   /// degenerate; a prior may hold what the scene does not), with at least this confidence, and,
   /// below 0.995 and without a prior, where query and CELL look alike from above too.
   AcceptanceOptions acceptance = searched_place_acceptance();
-  double min_confidence = 0.85;
+  double min_confidence = 0.9;
   RegistrationOptions registration = default_place_registration();
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 

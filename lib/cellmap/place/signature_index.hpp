@@ -63,8 +63,8 @@ class SignatureIndex {
   static constexpr std::size_t kShortlist = 1'000;
 
   /// Of the CELLs at `slots`, the `count` that agree best with the query at any turn and from any
-  /// of its centres, best first. Every CELL is compared: 577 take about 2 ms, 50,000 about 80 ms on
-  /// one thread with AVX2. Nearest-neighbour libraries need a vector that does not change with the
+  /// of its centres, best first. Every CELL is compared: 577 take about 2 ms on
+  /// one thread with AVX2, more in proportion. Nearest-neighbour libraries need a vector that does not change with the
   /// heading, and such vectors lose the place once a part of the view is missing (ARCHITECTURE.md,
   /// "Relocalisation").
   std::vector<CellId> most_alike(const DescribedQuery& query, const std::vector<std::size_t>& slots,
