@@ -6,6 +6,8 @@
 
 #include "cellmap/change/diff.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/document/change_json.hpp"
+#include "cellmap/store/all_cells.hpp"
 #include "server/api/text.hpp"
 #include "server/api/turn.hpp"
 
@@ -72,32 +74,14 @@ void require_aligned(const Store& store, const std::string& map, const std::stri
 Side side_of(const Store& store, const std::string& map, const std::string& session,
              const Question& question, const PoseGraph& graph) {
   Side side{session, {}};
-  CellQuery query;
-  query.session = session;
-  query.limit = 10'000;
-  do {
-    const CellPage page = store.cells(map, query);
-    for (const CellRecord& record : page.cells) {
-      const auto node = graph.nodes.find(record.id);
-      if (node == graph.nodes.end()) continue;  // added since the graph was read
-      const Eigen::Vector3d position = node->second.translation();
-      if (question.near && (position - *question.near).norm() > question.radius_m) continue;
-      side.cells.push_back({record.id, node->second});
-    }
-    query.cursor = page.next_cursor;
-  } while (!query.cursor.empty());
+  for (const CellRecord& record : all_cells_of(store, map, session)) {
+    const auto node = graph.nodes.find(record.id);
+    if (node == graph.nodes.end()) continue;  // added since the graph was read
+    const Eigen::Vector3d position = node->second.translation();
+    if (question.near && (position - *question.near).norm() > question.radius_m) continue;
+    side.cells.push_back({record.id, node->second});
+  }
   return side;
-}
-
-Json to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-
-Json to_json(const ChangeRegion& region) {
-  Json cells = Json::array();
-  for (const CellId id : region.cells) cells.push_back(id.value);
-  return {{"change", to_string(region.change)}, {"centroid", to_json(region.centroid)},
-          {"min", to_json(region.box.min())},   {"max", to_json(region.box.max())},
-          {"patches", region.patches},          {"area_m2", region.area_m2},
-          {"cells", std::move(cells)}};
 }
 
 void add_cells(const Side& side, const std::vector<CellDiff>& diffs, bool patches, Json& cells) {
@@ -140,7 +124,7 @@ Response get(Services& services, const Call& call) {
       std::chrono::steady_clock::now() - start;
 
   Json regions = Json::array(), cells = Json::array();
-  for (const ChangeRegion& region : diff.regions) regions.push_back(to_json(region));
+  for (const ChangeRegion& region : diff.regions) regions.push_back(document::to_json(region));
   add_cells(earlier, diff.earlier, question.patches, cells);
   add_cells(later, diff.later, question.patches, cells);
   return json_response({{"revision", graph->revision},

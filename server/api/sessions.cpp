@@ -4,6 +4,7 @@
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/all_cells.hpp"
 #include "server/api/api.hpp"
 #include "server/api/text.hpp"
 #include "server/jobs/ingest.hpp"
@@ -98,20 +99,6 @@ Response remove(Services& services, const Call& call) {
   return response;
 }
 
-std::vector<CellRecord> cells_of(const Store& store, const std::string& map,
-                                 const std::string& session) {
-  std::vector<CellRecord> cells;
-  CellQuery query;
-  query.session = session;
-  query.limit = 10'000;
-  do {
-    const CellPage page = store.cells(map, query);
-    cells.insert(cells.end(), page.cells.begin(), page.cells.end());
-    query.cursor = page.next_cursor;
-  } while (!query.cursor.empty());
-  return cells;
-}
-
 Response lacking(Services& services, const Call& call) {
   const Json json = call.json();
   ObjectReader reader(json, "the question");
@@ -119,7 +106,7 @@ Response lacking(Services& services, const Call& call) {
   reader.finish();
   if (!asked) throw Error(ErrorCode::kInvalidArgument, "Expected 'hashes', an array of text.");
   std::set<std::string> there;
-  for (const auto& cell : cells_of(services.store, call.path("map"), call.path("session"))) {
+  for (const auto& cell : all_cells_of(services.store, call.path("map"), call.path("session"))) {
     there.insert(to_hex(cell.hash));
   }
   Json answer = Json::array();
@@ -175,7 +162,7 @@ Response put_cell(Services& services, const Call& call) {
   const auto last = services.store.last_cell(map, view.header.session);
   const std::uint32_t expected = last ? last->sequence + 1 : 0;
   if (view.header.sequence < expected) {
-    for (const CellRecord& record : cells_of(services.store, map, view.header.session)) {
+    for (const CellRecord& record : all_cells_of(services.store, map, view.header.session)) {
       if (record.hash == view.hash) return cell_answer(services, call, record, 200);
     }
     throw Error(ErrorCode::kConflict, "The session has another CELL with sequence " +

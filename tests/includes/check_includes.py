@@ -25,7 +25,7 @@ ROOMS = {
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
     "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
-    "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "store"],
+    "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "change", "store"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry"],

@@ -27,13 +27,13 @@ using client::HttpRequest;
 using client::HttpResponse;
 using client::Json;
 using client::json_request;
+using client::kCellType;
 using client::kScanType;
 using client::map_path;
 using client::session_path;
 
 namespace {
 
-constexpr char kCellType[] = "application/vnd.cellmap.cell";
 constexpr char kChangesType[] = "application/vnd.cellmap.changes";
 constexpr std::size_t kBatchCells = 64;
 constexpr std::size_t kPageCells = 1000;
@@ -353,83 +353,6 @@ std::string Client::trajectory_text(const std::string& map, const std::string& s
   return impl_->get_text(map_path(map) + "/trajectory" + url.text());
 }
 
-std::vector<Session> Client::sessions(const std::string& map) {
-  const Json json = impl_->get_json(map_path(map) + "/sessions");
-  std::vector<Session> sessions;
-  for (const Json& session : client::member(json, "sessions")) {
-    sessions.push_back(client::session_from_json(session));
-  }
-  return sessions;
-}
-
-Session Client::session(const std::string& map, const std::string& name) {
-  return client::session_from_json(impl_->get_json(session_path(map, name)));
-}
-
-Session Client::create_session(const std::string& map, const SessionInfo& session) {
-  const Json body{{"name", session.name},
-                  {"robot", session.robot},
-                  {"sensor", session.sensor},
-                  {"odometry_frame", session.odometry_frame},
-                  {"started_ns", session.started}};
-  return client::session_from_json(
-      impl_->send_json(json_request("POST", map_path(map) + "/sessions", body)));
-}
-
-void Client::delete_session(const std::string& map, const std::string& name) {
-  impl_->transport.perform({"DELETE", map_path(map) + "/sessions/" + name, {}, ""});
-}
-
-Job Client::merge(const std::string& map, const std::string& from,
-                  const std::set<std::string>& sessions) {
-  Json body{{"from", from}};
-  if (!sessions.empty()) body["sessions"] = sessions;
-  HttpRequest request = json_request("POST", map_path(map) + "/merge", body);
-  request.idempotent = false;
-  return client::job_from_json(impl_->send_json(request));
-}
-
-MapInfo Client::split(const std::string& map, const std::set<std::string>& sessions,
-                      const std::string& into) {
-  HttpRequest request =
-      json_request("POST", map_path(map) + "/split", {{"sessions", sessions}, {"into", into}});
-  request.idempotent = false;
-  return client::map_info_from_json(impl_->send_json(request));
-}
-
-void Client::set_georeference(const std::string& map,
-                              const std::optional<Georeference>& georeference) {
-  const std::string path = map_path(map) + "/georeference";
-  if (!georeference) {
-    impl_->transport.perform({"DELETE", path, {}, ""});
-  } else {
-    impl_->send_json(json_request("PUT", path, client::to_json(*georeference)));
-  }
-}
-
-std::vector<ContentHash> Client::lacking_cells(const std::string& map, const std::string& session,
-                                               std::span<const ContentHash> hashes) {
-  Json list = Json::array();
-  for (const ContentHash& hash : hashes) list.push_back(to_hex(hash));
-  const Json answer = impl_->send_json(
-      json_request("POST", session_path(map, session) + "/cells:lacking", {{"hashes", list}}));
-  std::vector<ContentHash> lacking;
-  for (const Json& hash : client::member(answer, "lacking")) {
-    lacking.push_back(client::content_hash_from_json(hash));
-  }
-  return lacking;
-}
-
-SessionCell Client::put_session_cell(const std::string& map, const EncodedCell& cell) {
-  const std::string session = view_cell(cell.bytes).header.session;
-  HttpRequest request{"PUT", session_path(map, session) + "/cells/" + to_hex(cell.hash), {}, ""};
-  impl_->set_body(request, cell.bytes, kCellType);
-  const HttpResponse response = impl_->transport.perform(request);
-  SessionCell result = client::session_cell_from_json(client::parse_json(response.body));
-  result.created = response.status == 201;
-  return result;
-}
-
 namespace {
 
 HttpRequest relocalise_request(const std::string& map, const std::optional<PosePrior>& prior) {
@@ -460,43 +383,6 @@ Relocalisation Client::relocalise(const std::string& map, const PointCloud& scan
   posed.points = scan;
   impl_->set_body(request, encode_scan(posed), kScanType);
   return client::relocalisation_from_json(impl_->send_json(request));
-}
-
-LoopList Client::loops(const std::string& map) {
-  return client::loop_list_from_json(impl_->get_json(map_path(map) + "/loops"));
-}
-
-ConstraintReport Client::loop(const std::string& map, ConstraintId id) {
-  return client::constraint_report_from_json(
-      impl_->get_json(map_path(map) + "/loops/" + std::to_string(id.value)));
-}
-
-LoopReport Client::add_loop(const std::string& map, CellId from, CellId to, const Pose& T_from_to,
-                            const std::optional<Matrix6d>& information) {
-  Json body = {{"from", from.value}, {"to", to.value}, {"pose", client::to_json(T_from_to)}};
-  if (information) body["information"] = client::to_json(*information);
-  HttpRequest request = json_request("POST", map_path(map) + "/loops", body);
-  request.idempotent = false;
-  return client::loop_report_from_json(impl_->send_json(request));
-}
-
-LoopReport Client::detect_loops(const std::string& map, CellId cell) {
-  HttpRequest request = json_request("POST", map_path(map) + "/loops", {{"detect", cell.value}});
-  request.idempotent = false;
-  return client::loop_report_from_json(impl_->send_json(request));
-}
-
-LoopReport Client::pin_loop(const std::string& map, ConstraintId id, bool pinned) {
-  const Json json = impl_->send_json(json_request(
-      "PATCH", map_path(map) + "/loops/" + std::to_string(id.value), {{"pinned", pinned}}));
-  LoopReport report = client::loop_report_from_json(json);
-  report.loops = {client::constraint_from_json(json)};
-  return report;
-}
-
-LoopReport Client::delete_loop(const std::string& map, ConstraintId id) {
-  HttpRequest request{"DELETE", map_path(map) + "/loops/" + std::to_string(id.value), {}, ""};
-  return client::loop_report_from_json(impl_->send_json(request));
 }
 
 std::vector<Job> Client::jobs(const std::string& map) {

@@ -15,6 +15,7 @@
 namespace cellmap {
 namespace client {
 
+inline constexpr char kCellType[] = "application/vnd.cellmap.cell";
 inline constexpr char kScanType[] = "application/vnd.cellmap.scan";
 
 inline std::string map_path(const std::string& map) { return "/v1/maps/" + percent_encoded(map); }

@@ -4,6 +4,7 @@
 
 #include "cellmap/client/diff_json.hpp"
 #include "cellmap/client/transport.hpp"
+#include "cellmap/document/change_json.hpp"
 
 namespace cellmap {
 
@@ -66,8 +67,6 @@ namespace {
   throw Error(ErrorCode::kCorruptData, "the server's diff: expected " + expected);
 }
 
-Json to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-
 Eigen::Vector3d vector_member(const Json& json, const char* key) {
   const Json& array = member(json, key);
   if (!array.is_array() || array.size() != 3) refuse(std::string("3 numbers as '") + key + "'");
@@ -103,15 +102,6 @@ const Json& array_member(const Json& json, const char* key) {
   return array;
 }
 
-Json to_json(const ChangeRegion& region) {
-  Json cells = Json::array();
-  for (const CellId id : region.cells) cells.push_back(id.value);
-  return {{"change", to_string(region.change)}, {"centroid", to_json(region.centroid)},
-          {"min", to_json(region.box.min())},   {"max", to_json(region.box.max())},
-          {"patches", region.patches},          {"area_m2", region.area_m2},
-          {"cells", std::move(cells)}};
-}
-
 ChangeRegion region_from_json(const Json& json) {
   ChangeRegion region;
   const std::string change = text_member(json, "change");
@@ -141,7 +131,7 @@ CellChangeCounts counts_from_json(const Json& json) {
 
 Json to_json(const MapDiff& diff, bool patches) {
   Json regions = Json::array(), cells = Json::array();
-  for (const ChangeRegion& region : diff.regions) regions.push_back(to_json(region));
+  for (const ChangeRegion& region : diff.regions) regions.push_back(document::to_json(region));
   for (const CellChangeCounts& counts : diff.cells) {
     cells.push_back({{"id", counts.cell.value},
                      {"session", counts.session},

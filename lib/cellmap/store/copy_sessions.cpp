@@ -1,27 +1,11 @@
 #include "cellmap/store/copy_sessions.hpp"
 
-#include <algorithm>
-
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/all_cells.hpp"
 
 namespace cellmap {
 namespace {
-
-std::vector<CellRecord> cells_of(const Store& store, const std::string& map,
-                                 const std::string& session) {
-  std::vector<CellRecord> cells;
-  CellQuery query;
-  query.session = session;
-  query.limit = 10'000;
-  do {
-    const CellPage page = store.cells(map, query);
-    cells.insert(cells.end(), page.cells.begin(), page.cells.end());
-    query.cursor = page.next_cursor;
-  } while (!query.cursor.empty());
-  std::ranges::sort(cells, {}, &CellRecord::sequence);
-  return cells;
-}
 
 /// One copy: what it knows of both maps.
 class Copy {
@@ -42,8 +26,8 @@ class Copy {
 
   /// The CELLs of a session that are still to be copied, in order.
   std::vector<CellRecord> missing(const SessionInfo& session) {
-    const auto there = cells_of(store_, to_, session.name);
-    auto wanted = cells_of(store_, from_, session.name);
+    const auto there = all_cells_of(store_, to_, session.name);
+    auto wanted = all_cells_of(store_, from_, session.name);
     for (std::size_t i = 0; i < there.size(); ++i) {
       if (i >= wanted.size() || there[i].hash != wanted[i].hash) {
         throw Error(ErrorCode::kConflict, "map " + to_ + " has a session '" + session.name +
@@ -107,14 +91,12 @@ std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
                                        const ProgressCallback& progress) {
   Copy copy(store, from, to);
   std::vector<std::pair<SessionInfo, std::vector<CellRecord>>> work;  // refused before it begins
-  std::size_t found = 0;
+  std::set<std::string> absent = sessions;
   for (const SessionInfo& session : store.sessions(from)) {
-    if (!sessions.contains(session.name)) continue;
-    ++found;
-    work.emplace_back(session, copy.missing(session));
+    if (absent.erase(session.name) > 0) work.emplace_back(session, copy.missing(session));
   }
-  if (found < sessions.size()) {
-    throw Error(ErrorCode::kNotFound, "map " + from + " does not have all of these sessions");
+  if (!absent.empty()) {
+    throw Error(ErrorCode::kNotFound, "map " + from + " has no session '" + *absent.begin() + "'");
   }
   Progress done;
   for (const auto& [session, cells] : work) {
