@@ -15,7 +15,7 @@ while [[ $# -gt 0 ]]; do
   case $1 in
     --out) out=${2:?--out needs a folder}; shift 2 ;;
     -h|--help) sed -n '2,8s/^# \{0,1\}//p' "$0"; exit 0 ;;
-    *) arguments+=("$1"); shift ;;
+    *) if [[ -f $1 ]]; then arguments+=("$(realpath "$1")"); else arguments+=("$1"); fi; shift ;;
   esac
 done
 set -- "${arguments[@]:-prepare}"
@@ -31,7 +31,7 @@ for name in src tests e2e; do
   rm -rf "${out:?}/$name"
   [[ -d $here/$name ]] && cp -r "$here/$name" "$out/$name"
 done
-cp "$here"/{package.json,package-lock.json,.npmrc,tsconfig.json,vite.config.ts} "$out/"
+cp "$here"/{package.json,package-lock.json,.npmrc,tsconfig.json,vite.config.ts,vitest.e2e.config.ts} "$out/"
 [[ -f $here/index.html ]] && cp "$here/index.html" "$out/"
 cd "$out"
 stamp=$(sha256sum package-lock.json)
@@ -49,6 +49,12 @@ case $command in
   unit) npm run --silent unit ;;
   build) npm run --silent check && npm run --silent build ;;
   dev) flock -u 9; rm -rf src && ln -s "$here/src" src; npm run dev ;;
-  e2e) npm run --silent e2e -- "$@" ;;
+  e2e)
+    if ! command -v chromium >/dev/null; then
+      echo "THE VIEWER IS NOT TESTED IN A BROWSER: Chromium is missing (web/install-browser.sh installs Debian's)." >&2
+      exit 77
+    fi
+    [[ -f dist/index.html ]] || npm run --silent build
+    CELLMAP_PROGRAM=$1 CELLMAPD_PROGRAM=$2 npm run --silent e2e ;;
   *) echo "run.sh: unknown command '$command'; see --help" >&2; exit 2 ;;
 esac
