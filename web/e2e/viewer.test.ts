@@ -170,7 +170,7 @@ describe("loops", () => {
     const held = await picture(page);
     await screenshot(page, "09-loop");
     await page.getByRole("button", { name: "Delete loop" }).click();
-    await page.getByText(/is gone; \d+ CELLs moved/).waitFor();
+    await page.locator(".box.good", { hasText: /is gone; \d+ CELLs moved/ }).waitFor();
     await page.getByText("0 loops").waitFor();
     await page.waitForTimeout(1500);
     expect((await picture(page)).name).not.toBe(held.name);

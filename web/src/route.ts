@@ -52,7 +52,7 @@ export function formatRoute({ map, tab, cell, loop, colouring, view }: Route): s
   if (cell !== null) parameters.set("cell", String(cell));
   if (loop !== null) parameters.set("loop", String(loop));
   if (colouring !== "normal") parameters.set("colour", colouring);
-  if (view) parameters.set("view", [...view.eye, ...view.target].map((x) => x.toFixed(1)).join(","));
+  if (view) parameters.set("view", [...view.eye, ...view.target].map((x) => (Math.round(10 * x) / 10 + 0).toFixed(1)).join(","));
   const query = parameters.toString().replaceAll("%2C", ",");
   return `#/${encodeURIComponent(map)}${query ? `?${query}` : ""}`;
 }
