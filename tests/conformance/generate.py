@@ -594,7 +594,8 @@ def all_files():
         yield f"{name}.canonical.cell", canonical_cell(twin)
     for name, make in CODED_CELLS.items():
         twin = make(name)
-        yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
+        rows = ",\n ".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in twin.items())
+        yield f"{name}.json", f"{{{rows}}}\n".encode()
         yield f"{name}.ccod", seal_coded(flatc("coded_cell", twin), twin)
         yield f"{name}.canonical.ccod", canonical_coded_cell(twin)
     for schema, suffix, twins, canonical in (("pose_graph", "cpgr", GRAPHS, canonical_pose_graph),
