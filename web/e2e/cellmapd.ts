@@ -18,6 +18,13 @@ export class Town {
     run("build", drive, "--store", this.store, "--map", "town", "--session", "monday", "--lattice-size", "20000", "--json");
   }
 
+  /** The map as one file. */
+  archive(): string {
+    const file = join(this.folder, "town.cellmap");
+    execFileSync(cellmap, ["archive", "town", "--store", this.copy("for-archive.db"), "--encoding", "compact", "--out", file], { stdio: "pipe" });
+    return file;
+  }
+
   scan(index: number): string {
     return join(this.folder, "drive/velodyne", `${String(index).padStart(6, "0")}.bin`);
   }

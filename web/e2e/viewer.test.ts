@@ -1,4 +1,6 @@
 import { readFileSync, writeFileSync } from "node:fs";
+import { createServer, type ServerResponse } from "node:http";
+import type { AddressInfo } from "node:net";
 import { join } from "node:path";
 import type { Page } from "playwright-core";
 import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, test } from "vitest";
@@ -178,6 +180,71 @@ describe("loops", () => {
     expect(browser.complaints).toEqual([]);
   });
 });
+
+describe("the past and files", () => {
+  test("a slider shows the map as it was", async () => {
+    await openMap();
+    const now = await picture(page);
+    await page.getByLabel("Revision that is shown").fill("3");
+    await page.getByText("as it was at revision 3").waitFor();
+    await loaded(page);
+    expect((await picture(page)).name).not.toBe(now.name);
+    await screenshot(page, "16-revision");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("an archive opens by drop, without asking the server", async () => {
+    const file = town.archive();
+    const asked: string[] = [];
+    page.on("request", (request) => asked.push(new URL(request.url()).pathname));
+    await page.goto(`${server.url}/?budget=12000`);
+    await page.getByRole("link", { name: /town/ }).waitFor();
+    asked.length = 0;
+    await page.locator('input[type="file"]').setInputFiles(file);
+    await loaded(page);
+    expect((await picture(page)).colours).toBeGreaterThan(50);
+    expect(asked.filter((path) => path.startsWith("/v1"))).toEqual([]);
+    await screenshot(page, "17-archive");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("an archive opens from a plain web server by ranges", async () => {
+    const content = readFileSync(town.archive());
+    let ranges = 0;
+    const plain = createServer((request, response) => {
+      const range = /bytes=(\d+)-(\d+)/.exec(request.headers.range ?? "");
+      if (request.url !== "/town.cellmap") return void servePage(request.url!, response);
+      const [from, to] = [Number(range![1]), Math.min(Number(range![2]), content.length - 1)];
+      ++ranges;
+      response.writeHead(206, { "Content-Range": `bytes ${from}-${to}/${content.length}`, ETag: '"1"' });
+      response.end(content.subarray(from, to + 1));
+    }).listen(0, "127.0.0.1");
+    await new Promise((resolve) => plain.once("listening", resolve));
+    const url = `http://127.0.0.1:${(plain.address() as AddressInfo).port}`;
+    await openMap(`#/${encodeURIComponent(`archive:${url}/town.cellmap`)}`, url);
+    const cells = (await server.json<{ cells: unknown[] }>("/v1/maps/town/cells")).cells.length;
+    expect(ranges).toBeLessThanOrEqual(cells + 4);
+    expect(browser.complaints).toEqual([]);
+    plain.close();
+  });
+
+  test("a file that is no archive is refused with a reason", async () => {
+    await page.goto(server.url);
+    await page.locator('input[type="file"]').setInputFiles({ name: "odd.cellmap", mimeType: "", buffer: Buffer.alloc(20_000) });
+    await page.getByRole("alert").filter({ hasText: "no CELLmap archive" }).waitFor();
+    await screenshot(page, "18-no-archive");
+    expect(browser.complaints).toEqual([]);
+  });
+});
+
+/** The built viewer as any web server has it. */
+function servePage(url: string, response: ServerResponse): void {
+  const path = url.split("?")[0]!;
+  const file = path === "/" ? "index.html" : path.slice(1);
+  const type = { js: "text/javascript", css: "text/css", svg: "image/svg+xml", html: "text/html" }[file.split(".").pop()!];
+  response.writeHead(200, { "Content-Type": type ?? "application/octet-stream" });
+  response.end(readFileSync(join("dist", file)));
+}
 
 describe("when something is wrong", () => {
   test("a map that is not there is said to be missing", async () => {

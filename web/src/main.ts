@@ -1,5 +1,6 @@
 import { h, replace } from "./dom";
-import { formatRoute, parseRoute } from "./route";
+import { BlobSource, HttpSource } from "./format/byteSource";
+import { archiveOf, formatRoute, parseRoute, type Route } from "./route";
 import { initialTheme, setTheme } from "./theme";
 import { MapListView } from "./view/mapListView";
 import { MapView } from "./view/mapView";
@@ -14,7 +15,7 @@ export interface View {
 }
 
 const where = h("div", { class: "where" });
-const main = h("main", { style: undefined, id: "main" });
+const main = h("main", { id: "main" });
 const themeButton = h("button", { class: "quiet", type: "button", onclick: () => toggleTheme() });
 
 function toggleTheme(): void {
@@ -28,6 +29,40 @@ function nameTheme(): void {
   themeButton.setAttribute("aria-label", `Switch to the ${themeButton.textContent!.toLowerCase()} theme`);
 }
 
+/** Archives that were dropped or chosen: a page that is loaded anew has them no more. */
+const files = new Map<string, BlobSource>();
+
+function makeView(route: Route): View {
+  const archive = archiveOf(route.map);
+  if (archive === null) return route.map === null ? new MapListView(openFile) : new MapView(route);
+  const source = archive.kind === "url" ? new HttpSource(archive.name) : files.get(archive.name);
+  return source ? new MapView(route, source) : new MapListView(openFile, `${archive.name} was opened from this computer; drop it here again.`);
+}
+
+function openFile(file: File): void {
+  files.set(file.name, new BlobSource(file, file.name));
+  shown = undefined;
+  const address = formatRoute({ ...parseRoute(""), map: `file:${file.name}` });
+  if (location.hash === address) show();
+  else location.hash = address;
+}
+
+/** An archive may be dropped on any page. */
+function listenToArchives(): void {
+  addEventListener("dragover", (event) => event.preventDefault());
+  addEventListener(
+    "drop",
+    (event) => {
+      event.preventDefault();
+      const file = event.dataTransfer?.files[0];
+      if (!file?.name.endsWith(".cellmap")) return;
+      event.stopImmediatePropagation();
+      openFile(file);
+    },
+    { capture: true },
+  );
+}
+
 let view: View | null = null;
 let shown: string | null | undefined;
 
@@ -39,7 +74,7 @@ function show(): void {
   }
   view?.dispose();
   shown = route.map;
-  view = route.map === null ? new MapListView() : new MapView(route);
+  view = makeView(route);
   document.title = route.map === null ? "CELLmap" : `${route.map} - CELLmap`;
   replace(where, view.where);
   replace(main, view.element);
@@ -62,4 +97,5 @@ document.querySelector("#app")!.append(
   h("div", { id: "announcements", class: "visually-hidden", role: "status", "aria-live": "polite" }),
 );
 addEventListener("hashchange", show);
+listenToArchives();
 show();

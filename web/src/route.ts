@@ -17,6 +17,12 @@ export interface Route {
 
 const EMPTY: Route = { map: null, tab: "map", cell: null, loop: null, colouring: "normal", view: null };
 
+/** Names of maps hold no colon, so `archive:URL` and `file:NAME` in their place are archives. */
+export function archiveOf(map: string | null): { kind: "url" | "file"; name: string } | null {
+  const found = /^(archive|file):(.+)$/.exec(map ?? "");
+  return found ? { kind: found[1] === "archive" ? "url" : "file", name: found[2]! } : null;
+}
+
 function readId(text: string | null): number | null {
   return text !== null && /^\d{1,10}$/.test(text) ? Number(text) : null;
 }

@@ -53,6 +53,17 @@ export class MapModel {
     this.unaligned = new Set(graph.unaligned);
   }
 
+  /** The map as it was at another revision: the CELLs that it had, where they were. */
+  at(graph: PoseGraph): MapModel {
+    const then = new MapModel();
+    for (const id of graph.cells) {
+      const cell = this.cells.get(id);
+      if (cell) then.cells.set(id, { ...cell });
+    }
+    then.setGraph(graph);
+    return then;
+  }
+
   /** Goes on to `changes.revision`; says which CELLs moved by more than a millimetre, and from where. */
   apply(changes: Changes): Map<number, Matrix4> {
     const before = new Map<number, Matrix4>();

@@ -27,7 +27,7 @@ export class JobsPanel implements Panel {
 
   async load(): Promise<void> {
     try {
-      for (const job of await this.context.api.jobs()) this.take(job);
+      for (const job of await this.context.api!.jobs()) this.take(job);
       this.draw();
     } catch (error) {
       replace(this.list, h("div", { class: "box error", role: "alert" }, (error as Error).message));
@@ -43,7 +43,7 @@ export class JobsPanel implements Panel {
       this.following.get(job.id)?.();
       this.following.delete(job.id);
     } else if (!this.following.has(job.id)) {
-      const stop = this.context.api.followJob(job.id, (now) => {
+      const stop = this.context.api!.followJob(job.id, (now) => {
         this.take(now);
         this.draw();
       });
@@ -75,7 +75,7 @@ export class JobsPanel implements Panel {
   }
 
   private async cancel(id: number): Promise<void> {
-    await this.context.api.cancelJob(id).catch(() => undefined);
+    await this.context.api!.cancelJob(id).catch(() => undefined);
     void this.load();
   }
 
@@ -93,7 +93,7 @@ export class JobsPanel implements Panel {
     );
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      this.context.api.startIngest(path.value.trim(), session.value.trim()).then(
+      this.context.api!.startIngest(path.value.trim(), session.value.trim()).then(
         (job) => {
           replace(message);
           this.take(job);

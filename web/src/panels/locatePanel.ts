@@ -61,7 +61,7 @@ export class LocatePanel implements Panel {
     try {
       const { type, points } = await readFile(file);
       const start = performance.now();
-      const found = await this.context.api.relocalise(file, type);
+      const found = await this.context.api!.relocalise(file, type);
       if (asked === this.asked) this.show(file.name, found, points, performance.now() - start);
     } catch (error) {
       if (asked !== this.asked) return;

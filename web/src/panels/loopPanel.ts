@@ -5,6 +5,8 @@ import { VERDICT_COLOURS } from "../scene/graphLayer";
 import { count, metres, percent } from "../text";
 import type { MapContext, Panel } from "./panel";
 
+type StatedLoop = Pick<LoopExplanation, "id" | "from" | "to" | "origin" | "scores" | "pinned" | "verdict"> & Partial<LoopExplanation>;
+
 const MEANING: Record<Verdict, string> = {
   accepted: "It agrees with the rest of the map and counts in full.",
   pinned: "Held for certain by a user; it is not judged.",
@@ -61,14 +63,34 @@ export class LoopPanel implements Panel {
 
   private async explain(id: number): Promise<void> {
     try {
-      const loop = await this.context.api.loop(id);
+      const loop = this.context.api ? await this.context.api.loop(id) : this.stated(id);
       if (this.context.selection.loop === id) replace(this.chosen, this.message, this.evidence(loop));
     } catch (error) {
       if (this.context.selection.loop === id) replace(this.chosen, h("div", { class: "box warn", role: "alert" }, (error as Error).message));
     }
   }
 
-  private evidence(loop: LoopExplanation): HTMLElement {
+  /** What an archive says of a loop: all but how it stands at the poses of now. */
+  private stated(id: number): StatedLoop {
+    const loop = this.context.model.constraints.get(id);
+    if (!loop) throw new Error(`There is no loop ${id} in this map.`);
+    const s = loop.scores;
+    return {
+      ...loop,
+      verdict: verdictOf(loop),
+      scores: {
+        points: s.points,
+        hits: s.hits,
+        inlier_ratio_all: s.inlierRatioAll,
+        inlier_ratio_hit: s.inlierRatioHit,
+        share_in_front: s.shareInFront,
+        share_beyond: s.shareBeyond,
+        median_residual_m: s.medianResidualM,
+      },
+    };
+  }
+
+  private evidence(loop: StatedLoop): HTMLElement {
     const s = loop.scores;
     const measured = s.points > 0;
     return h(
@@ -83,10 +105,10 @@ export class LoopPanel implements Panel {
         measured ? ["of these within the surface", percent(s.inlier_ratio_hit)] : null,
         measured ? ["Sight line blocked", percent(s.share_in_front)] : null,
         measured ? ["Median residual", metres(s.median_residual_m)] : null,
-        ["Off by now", `${metres(loop.gap_m)}, ${loop.gap_deg.toFixed(2)}\u00b0`],
-        ["Chi-square (true ones below 16.8)", loop.chi2.toFixed(1)],
+        loop.gap_m !== undefined ? ["Off by now", `${metres(loop.gap_m)}, ${loop.gap_deg!.toFixed(2)}\u00b0`] : null,
+        loop.chi2 !== undefined ? ["Chi-square (true ones below 16.8)", loop.chi2.toFixed(1)] : null,
       ),
-      h(
+      this.context.api && h(
         "div",
         { class: "actions" },
         h("button", { type: "button", onclick: () => void this.pin(loop) }, loop.pinned ? "Unpin" : "Pin"),
@@ -95,18 +117,18 @@ export class LoopPanel implements Panel {
     );
   }
 
-  private async pin(loop: LoopExplanation): Promise<void> {
+  private async pin(loop: StatedLoop): Promise<void> {
     await this.act(async () => {
-      await this.context.api.pinLoop(loop.id, !loop.pinned);
+      await this.context.api!.pinLoop(loop.id, !loop.pinned);
       return `Loop ${loop.id} is ${loop.pinned ? "judged like any other again" : "pinned"}.`;
     });
     void this.explain(loop.id);
   }
 
   /** The map moves by itself when the event stream tells of the new revision. */
-  private async erase(loop: LoopExplanation): Promise<void> {
+  private async erase(loop: StatedLoop): Promise<void> {
     await this.act(async () => {
-      const { moved } = await this.context.api.deleteLoop(loop.id);
+      const { moved } = await this.context.api!.deleteLoop(loop.id);
       this.context.select({ loop: null });
       return `Loop ${loop.id} is gone; ${count(moved, "CELL")} moved.`;
     });

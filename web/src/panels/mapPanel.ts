@@ -20,7 +20,8 @@ export class MapPanel implements Panel {
   private shownCell: number | null = null;
 
   constructor(private readonly context: MapContext) {
-    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks());
+    const past = context.api && context.scene && context.model.revision > 1n ? this.revisionSlider() : "";
+    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks(), past);
     this.update();
   }
 
@@ -66,6 +67,25 @@ export class MapPanel implements Panel {
         ),
       ),
     );
+  }
+
+  /** Before and after a loop closure, and how the map grew. */
+  private revisionSlider(): HTMLElement {
+    const newest = (): number => Number(this.context.model.revision);
+    const slider = h("input", { type: "range", min: 1, max: newest(), value: newest(), "aria-label": "Revision that is shown" });
+    const label = h("p", { class: "note" }, "The map as it is. Drag to see it as it was.");
+    let asked: ReturnType<typeof setTimeout>;
+    const show = async (): Promise<void> => {
+      const revision = Number(slider.value);
+      label.textContent = revision >= newest() ? "The map as it is. Drag to see it as it was." : `The map as it was at revision ${revision}.`;
+      await this.context.showRevision(revision >= newest() ? null : revision).catch((error: Error) => (label.textContent = error.message));
+    };
+    slider.addEventListener("input", () => {
+      slider.max = String(newest());
+      clearTimeout(asked);
+      asked = setTimeout(() => void show(), 60);
+    });
+    return h("section", {}, h("h3", {}, "Revisions"), slider, label);
   }
 
   private goTo(session: string): void {

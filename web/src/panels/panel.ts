@@ -5,7 +5,8 @@ import type { SessionColours } from "../model/sessionColours";
 
 /** What the panels beside the canvas share: the map as it stands, and what they may ask of the view. */
 export interface MapContext {
-  api: MapApi;
+  /** Null where the map is from an archive: nothing can be asked or changed. */
+  api: MapApi | null;
   summary: MapSummary;
   sessions: Session[];
   model: MapModel;
@@ -16,6 +17,8 @@ export interface MapContext {
   scene: SceneActions | null;
   select(selection: { loop?: number | null; cell?: number | null }): void;
   setLayers(layers: Layers): void;
+  /** Shows the map as it was at a revision; null: as it is. */
+  showRevision(revision: number | null): Promise<void>;
 }
 
 export interface Layers {

@@ -1,5 +1,6 @@
 import { readBatch } from "../format/batch";
 import { readCell } from "../format/cell";
+import { readCodedCell } from "../format/codedCell";
 import { Lattices } from "../format/lattice";
 import { layOutPatches, type PatchLayout } from "./patchLayout";
 
@@ -10,7 +11,7 @@ export interface DecodeRequest {
   /** Either a server's batch address and ids, or bytes that are there. */
   url?: string;
   ids?: number[];
-  cells?: { id: number; bytes: Uint8Array }[];
+  cells?: { id: number; bytes?: Uint8Array; error?: string }[];
 }
 
 export interface DecodeAnswer {
@@ -33,9 +34,11 @@ async function fetchBatch(url: string, ids: number[]): Promise<Uint8Array> {
   return new Uint8Array(await response.arrayBuffer());
 }
 
+const isCoded = (bytes: Uint8Array): boolean => String.fromCharCode(...bytes.subarray(4, 8)) === "CCOD";
+
 async function decode(id: number, bytes: Uint8Array): Promise<DecodeAnswer["cells"][number]> {
   try {
-    const cell = await readCell(bytes, lattices);
+    const cell = await (isCoded(bytes) ? readCodedCell : readCell)(bytes, lattices);
     return { id, patches: layOutPatches(cell, lattices.get(cell.lattice)) };
   } catch (error) {
     return { id, error: (error as Error).message };
@@ -46,9 +49,9 @@ async function answer(request: DecodeRequest): Promise<DecodeAnswer> {
   const { ticket } = request;
   try {
     const batch = request.url ? await fetchBatch(request.url, request.ids!) : new Uint8Array();
-    const entries = request.cells ?? readBatch(batch).map(({ cell, bytes }) => ({ id: cell, bytes }));
+    const entries: NonNullable<DecodeRequest["cells"]> = request.cells ?? readBatch(batch).map(({ cell, bytes }) => ({ id: cell, bytes }));
     const cells: DecodeAnswer["cells"] = [];
-    for (const { id, bytes } of entries) cells.push(await decode(id, bytes));
+    for (const { id, bytes, error } of entries) cells.push(bytes ? await decode(id, bytes) : { id, error: error ?? "It is missing." });
     return { ticket, cells, bytes: batch.length };
   } catch (error) {
     return { ticket, cells: [], bytes: 0, error: (error as Error).message };

@@ -104,7 +104,7 @@ export class MapScene implements SceneActions {
   overview(): View {
     const bounds = this.bounds();
     const target = bounds.getCenter(new Vector3());
-    const span = Math.max(40, bounds.max.x - bounds.min.x, (bounds.max.y - bounds.min.y) * this.stage.camera.aspect) + 40;
+    const span = Math.max(40, bounds.max.x - bounds.min.x, (bounds.max.y - bounds.min.y) * this.stage.camera.aspect) + 24;
     const distance = span / (2 * Math.tan((this.stage.camera.fov * Math.PI) / 360) * this.stage.camera.aspect);
     return { eye: [target.x, target.y - 0.55 * distance, target.z + 0.9 * distance], target: target.toArray() };
   }

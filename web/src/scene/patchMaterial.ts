@@ -13,6 +13,7 @@ uniform int colouring;
 uniform vec2 heights;
 uniform vec3 colour;
 varying vec3 shade;
+varying vec2 corner;
 
 vec3 decoded(vec2 e) {
   vec3 n = vec3(e, 1.0 - abs(e.x) - abs(e.y));
@@ -53,12 +54,15 @@ void main() {
   if (colouring == 0) base = mix(vec3(0.55, 0.59, 0.64), facingHue(inMap), smoothstep(0.35, 0.85, length(inMap.xy)));
   if (colouring == 1) base = ramp(clamp(((modelMatrix * vec4(center.xyz, 1.0)).z - heights.x) / (heights.y - heights.x), 0.0, 1.0));
   shade = base * light;
+  corner = position.xy;
 }`;
 
 const fragmentShader = /* glsl */ `
 varying vec3 shade;
+varying vec2 corner;
 void main() {
-  gl_FragColor = vec4(shade, 1.0);
+  // A darker rim tells patches of one colour apart.
+  gl_FragColor = vec4(shade * (1.0 - 0.24 * smoothstep(0.55, 1.0, length(corner))), 1.0);
 }`;
 
 export function makePatchMaterial(): ShaderMaterial {

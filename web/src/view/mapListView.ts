@@ -11,9 +11,32 @@ export class MapListView {
   readonly element = h("div", { class: "page" });
   private readonly maps = h("div", { "aria-live": "polite" }, h("p", { class: "note" }, "Asking the server for its maps..."));
 
-  constructor() {
-    this.element.append(explanation(), h("h2", { class: "visually-hidden" }, "Maps"), this.maps);
+  constructor(
+    private readonly openFile: (file: File) => void,
+    notice: string | null = null,
+  ) {
+    const message = notice === null ? "" : h("div", { class: "box warn", role: "status" }, notice);
+    this.element.append(explanation(), message, h("h2", { class: "visually-hidden" }, "Maps"), this.maps, this.archives());
     void this.load();
+  }
+
+  /** A map that is a file needs no server. */
+  private archives(): HTMLElement {
+    const input = h("input", { type: "file", accept: ".cellmap", class: "visually-hidden" });
+    input.addEventListener("change", () => input.files?.[0] && this.openFile(input.files[0]));
+    const url = h("input", { type: "text", "aria-label": "Address of an archive", placeholder: "or its address on this server, and Enter" });
+    const form = h("form", {}, url);
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      if (url.value.trim()) location.hash = formatRoute({ ...parseRoute(""), map: `archive:${new URL(url.value.trim(), location.href).href}` });
+    });
+    return h(
+      "section",
+      { class: "archives" },
+      h("h3", {}, "A map in a file"),
+      h("label", { class: "drop" }, input, "Drop a .cellmap archive here, or choose one", h("br"), h("small", {}, "It stays on this computer.")),
+      form,
+    );
   }
 
   dispose(): void {}

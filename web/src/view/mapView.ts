@@ -1,7 +1,7 @@
-import type { MapSummary } from "../api/documents";
-import { MapApi, ServerError } from "../api/server";
+import { ServerError } from "../api/server";
 import { announce, h, replace } from "../dom";
-import { MapModel } from "../model/mapModel";
+import type { ByteSource } from "../format/byteSource";
+import { type OpenedMap, openArchive, openServerMap } from "../model/origin";
 import { SessionColours } from "../model/sessionColours";
 import { JobsPanel } from "../panels/jobsPanel";
 import { LocatePanel } from "../panels/locatePanel";
@@ -29,12 +29,19 @@ export class MapView {
   private context: MapContext | null = null;
   private scene: MapScene | null = null;
   private overlays: Overlays | null = null;
+  private readonly tabs: readonly Tab[];
   private catchingUp: Promise<void> = Promise.resolve();
 
-  constructor(private route: Route) {
+  /** `archive`: where the map is from, unless from this server. */
+  constructor(
+    private route: Route,
+    private readonly archive: ByteSource | null = null,
+  ) {
+    const name = archive?.name ?? route.map!;
+    this.tabs = archive ? ["map", "graph"] : TABS;
     this.element.append(this.stageElement, h("aside", { class: "side", "aria-label": "About this map" }, this.tabList(), this.panelElement));
-    replace(this.where, "/ ", h("b", {}, route.map!));
-    this.showMessage(h("p", {}, `Opening ${route.map}...`));
+    replace(this.where, "/ ", h("b", {}, name));
+    this.showMessage(h("p", {}, `Opening ${name}...`));
     void this.open();
   }
 
@@ -57,27 +64,25 @@ export class MapView {
 
   private async open(): Promise<void> {
     try {
-      const api = new MapApi(this.route.map!);
-      const [summary, sessions, cells, graph] = await Promise.all([api.summary(), api.sessions(), api.cells(), api.poseGraph()]);
-      this.context = this.makeContext(api, summary, MapModel.of(cells, graph));
-      this.context.sessions = sessions;
-      this.openScene(this.context, summary);
+      const opened = await (this.archive ? openArchive(this.archive) : openServerMap(this.route.map!));
+      this.context = this.makeContext(opened);
+      this.openScene(this.context, opened);
       this.showTab(this.route.tab);
       this.context.select({ loop: this.route.loop, cell: this.route.cell });
       this.listen(this.context);
-      announce(`${summary.name}: ${count(summary.cells, "CELL")}`);
+      announce(`${opened.summary.name}: ${count(opened.summary.cells, "CELL")}`);
     } catch (error) {
       this.showFailure(error as Error);
     }
   }
 
-  private makeContext(api: MapApi, summary: MapSummary, model: MapModel): MapContext {
+  private makeContext({ api, summary, sessions, model }: OpenedMap): MapContext {
     const colours = new SessionColours();
     colours.set(model.sessions);
     return {
       api,
       summary,
-      sessions: [],
+      sessions,
       model,
       colours,
       selection: { loop: null, cell: null },
@@ -85,16 +90,17 @@ export class MapView {
       scene: null,
       select: (selection) => this.select(selection),
       setLayers: (layers) => this.setLayers(layers),
+      showRevision: (revision) => this.showRevision(revision),
     };
   }
 
-  private openScene(context: MapContext, summary: MapSummary): void {
+  private openScene(context: MapContext, { summary, source }: OpenedMap): void {
     const canvas = h("canvas", { tabindex: 0, role: "img", "aria-label": `3D view of ${summary.name}. Arrow keys move, plus and minus zoom, Q and E turn, F shows all.` });
     replace(this.stageElement, canvas);
     try {
       this.scene = new MapScene(canvas, {
         lattice: summary.lattice,
-        source: async (ids) => ({ url: context.api.batchUrl, ids }),
+        source,
         colours: context.colours,
         budget: Number(new URLSearchParams(location.search).get("budget")) || undefined,
         onPick: (picked) => this.picked(picked),
@@ -121,6 +127,10 @@ export class MapView {
   }
 
   private listen(context: MapContext): void {
+    const retheme = (): void => this.scene?.applyTheme();
+    addEventListener("themechange", retheme);
+    this.stops.push(() => removeEventListener("themechange", retheme));
+    if (!context.api) return;
     this.where.append(" ", this.live);
     const stop = context.api.follow(
       (revision) => {
@@ -132,20 +142,18 @@ export class MapView {
         if (connected) this.scene?.retry();
       },
     );
-    const retheme = (): void => this.scene?.applyTheme();
-    addEventListener("themechange", retheme);
-    this.stops.push(stop, () => removeEventListener("themechange", retheme), this.listenToDrops());
+    this.stops.push(stop, this.listenToDrops());
   }
 
   /** Fetches what changed since the revision that is shown; one request at a time. */
   private catchUp(context: MapContext): void {
     this.catchingUp = this.catchingUp.then(async () => {
       try {
-        const changes = await context.api.changes(context.model.revision);
-        const before = context.model.apply(changes);
-        [context.summary, context.sessions] = await Promise.all([context.api.summary(), context.api.sessions()]);
+        const api = context.api!;
+        const before = context.model.apply(await api.changes(context.model.revision));
+        [context.summary, context.sessions] = await Promise.all([api.summary(), api.sessions()]);
         context.colours.set(context.model.sessions);
-        this.scene?.setModel(context.model, before);
+        if (this.past === null) this.scene?.setModel(context.model, before);
         this.overlays?.update();
         for (const panel of Object.values(this.panels)) panel.update();
         if (before.size > 0) announce(`${count(before.size, "CELL")} moved`);
@@ -154,6 +162,15 @@ export class MapView {
         this.overlays?.setError((error as Error).message);
       }
     });
+  }
+
+  /** The revision that is shown where it is not the newest. */
+  private past: number | null = null;
+  private async showRevision(revision: number | null): Promise<void> {
+    const { api, model } = this.context!;
+    this.past = revision;
+    const shown = revision === null ? model : model.at(await api!.poseGraph(revision));
+    if (this.past === revision) this.scene?.setModel(shown);
   }
 
   private select(selection: { loop?: number | null; cell?: number | null }): void {
@@ -191,21 +208,22 @@ export class MapView {
   }
 
   private tabList(): HTMLElement {
-    const buttons = TABS.map((tab) =>
+    const buttons = this.tabs.map((tab) =>
       h("button", { type: "button", role: "tab", id: `tab-${tab}`, "aria-controls": "panel", onclick: () => this.showTab(tab) }, TAB_NAMES[tab]),
     );
     const list = h("div", { class: "tabs", role: "tablist" }, ...buttons);
     list.addEventListener("keydown", (event) => {
       const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
       if (!step) return;
-      const next = (TABS.indexOf(this.route.tab) + step + TABS.length) % TABS.length;
-      this.showTab(TABS[next]!);
+      const next = (this.tabs.indexOf(this.route.tab) + step + this.tabs.length) % this.tabs.length;
+      this.showTab(this.tabs[next]!);
       buttons[next]!.focus();
     });
     return list;
   }
 
-  private showTab(tab: Tab): void {
+  private showTab(asked: Tab): void {
+    const tab = this.tabs.includes(asked) ? asked : "map";
     for (const button of this.element.querySelectorAll<HTMLElement>('[role="tab"]')) {
       const chosen = button.id === `tab-${tab}`;
       button.setAttribute("aria-selected", String(chosen));
