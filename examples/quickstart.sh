@@ -33,6 +33,9 @@ if ! { cmake --preset release && cmake --build --preset release --target cellmap
 fi
 cellmap=build/release/client/cellmap
 echo "Built $($cellmap --version)"
+if command -v npm >/dev/null; then
+  web/run.sh build --out build/release/web >>"$log" 2>&1 || echo "The viewer could not be built (the server works without it): see $log"
+fi
 
 work=build/quickstart
 mkdir -p "$work"
@@ -98,7 +101,7 @@ fi
 if $keep; then
   trap - EXIT
   disown "$server_pid"
-  say "The server stays at $url (stop it with: kill $server_pid)"
+  say "The server stays at $url: open it in a browser (stop it with: kill $server_pid)"
 else
   say "Done; the server stops (--keep leaves it running)"
 fi

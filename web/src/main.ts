@@ -35,7 +35,7 @@ const files = new Map<string, BlobSource>();
 function makeView(route: Route): View {
   const archive = archiveOf(route.map);
   if (archive === null) return route.map === null ? new MapListView(openFile) : new MapView(route);
-  const source = archive.kind === "url" ? new HttpSource(archive.name) : files.get(archive.name);
+  const source = archive.kind === "url" ? new HttpSource(new URL(archive.name, location.href).href) : files.get(archive.name);
   return source ? new MapView(route, source) : new MapListView(openFile, `${archive.name} was opened from this computer; drop it here again.`);
 }
 

@@ -10,7 +10,7 @@ import { count, large, metres } from "../text";
 export class Overlays {
   private readonly legend = h("div", { class: "glass legend" });
   private readonly scale = h("div", { class: "scale", role: "img" });
-  private readonly figures = h("div", { "data-testid": "figures" });
+  private readonly figures = h("div", { class: "glass", "data-testid": "figures" });
   private readonly trouble = h("div");
   private error: string | null = null;
 
