@@ -34,6 +34,8 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr std::size_t kPieceBytes = 256u << 10;  // of a file that is sent
+
 /// Waits for a socket to be ready; false when time is up or `stop` is set.
 bool wait_for(socket_t socket, short events, Clock::time_point deadline,
               const std::atomic<bool>& stop) {
@@ -70,9 +72,11 @@ class Connection : public httplib::Stream {
     answered_ = says_close_ = false;
   }
 
-  void begin_body() {
+  /// `is_large`: it may take long, but not without progress.
+  void begin_body(bool is_large) {
     budget_ = SIZE_MAX;  // the handler counts
     deadline_ = Clock::now() + options_.body_timeout;
+    large_body_ends_ = is_large ? Clock::now() + options_.large_body_timeout : deadline_;
     in_head_ = false;
   }
 
@@ -148,6 +152,9 @@ class Connection : public httplib::Stream {
 
  private:
   bool fill() {
+    if (!in_head_ && large_body_ends_ > deadline_) {
+      deadline_ = std::min(Clock::now() + options_.body_timeout, large_body_ends_);
+    }
     if (!wait_for(socket_, POLLIN, deadline_, stop_)) return false;
     const ssize_t received = ::recv(socket_, buffer_.data(), buffer_.size(), 0);
     if (received <= 0) return false;
@@ -172,7 +179,7 @@ class Connection : public httplib::Stream {
   std::array<char, 16384> buffer_;
   std::size_t begin_ = 0, end_ = 0;
   std::size_t budget_ = 0;
-  Clock::time_point deadline_;
+  Clock::time_point deadline_, large_body_ends_;
   bool in_head_ = true;
   bool over_budget_ = false;
   std::size_t body_read_ = 0;
@@ -314,7 +321,7 @@ struct HttpServer::Impl : httplib::Server {
       answer(request, response, problem(ErrorCode::kInternal, "The server failed."), false);
     });
     const auto bare = [this](const httplib::Request& request, httplib::Response& response) {
-      answer(request, response, handle(request, {}), true);
+      answer(request, response, handle(request, {}, nullptr), true);
     };
     const auto with_body = [this](const httplib::Request& request, httplib::Response& response,
                                   const httplib::ContentReader& reader) {
@@ -328,12 +335,14 @@ struct HttpServer::Impl : httplib::Server {
     Delete(".*", with_body);
   }
 
-  Response handle(const httplib::Request& request, std::string body) {
+  Response handle(const httplib::Request& request, std::string body,
+                  std::shared_ptr<ByteFile> file) {
     server::Request own;
     own.method = request.method;
     own.target = request.target;
     for (const auto& [name, value] : request.headers) own.headers.add(name, value);
     own.body = std::move(body);
+    own.file = std::move(file);
     own.id = next_id();
     return api.handle(own);
   }
@@ -347,14 +356,18 @@ struct HttpServer::Impl : httplib::Server {
         request.has_header("Transfer-Encoding") ||
         parse_unsigned(request.get_header_value("Content-Length")).value_or(0) > 0;
     std::string body;
+    std::shared_ptr<ByteFile> file = api.file_for_body(request.method, request.target);
     if (has_body) {
       const std::size_t limit = api.max_body(request.method, request.target);
       bool too_large =
           parse_unsigned(request.get_header_value("Content-Length")).value_or(0) > limit;
+      std::size_t length = 0;
       const bool complete = !too_large && reader([&](const char* data, std::size_t size) {
-        too_large = body.size() + size > limit;
-        if (!too_large) body.append(data, size);
-        return !too_large;
+        too_large = size > limit - length;
+        if (too_large) return false;
+        file ? file->write(length, as_bytes({data, size})) : void(body.append(data, size));
+        length += size;
+        return true;
       });
       if (too_large && limit > 0) {
         return answer(request, response,
@@ -367,9 +380,9 @@ struct HttpServer::Impl : httplib::Server {
                       problem(ErrorCode::kInvalidArgument, "The body ended early or is malformed."),
                       false);
       }
-      if (!complete) return answer(request, response, handle(request, {}), false);
+      if (!complete) return answer(request, response, handle(request, {}, nullptr), false);
     }
-    answer(request, response, handle(request, std::move(body)), true);
+    answer(request, response, handle(request, std::move(body), std::move(file)), true);
   }
 
   /// Hands a response to httplib. `keep`: the connection can take another request.
@@ -395,6 +408,17 @@ struct HttpServer::Impl : httplib::Server {
             if (!chunk.empty()) sink.write(chunk.data(), chunk.size());
             if (!more) sink.done();
             return true;
+          });
+      return;
+    }
+    if (const auto* part = std::get_if<FileBody>(&response.body); part && part->length > 0) {
+      out.set_content_provider(
+          part->length, type,
+          [part = *part](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+            const Bytes piece =
+                part.file->read(part.offset + offset, std::min(length, kPieceBytes));
+            return !piece.empty() &&
+                   sink.write(reinterpret_cast<const char*>(piece.data()), piece.size());
           });
       return;
     }
@@ -459,7 +483,7 @@ struct HttpServer::Impl : httplib::Server {
       declared = parse_unsigned(request.get_header_value("Content-Length")).value_or(0);
       chunked = request.has_header("Transfer-Encoding");
       reads_body = request.method != "GET" && request.method != "HEAD";
-      connection.begin_body();
+      connection.begin_body(api.takes_large_body(request.method, request.target));
     });
     if (connection.is_head_too_large()) {
       auto refused = problem_with_status(431, ErrorCode::kTooLarge, "The head is too large.");

@@ -17,8 +17,10 @@ struct HttpServerOptions {
   std::size_t max_connections = 512;       ///< served at a time, a thread each; more wait
   std::size_t max_head_bytes = 64u << 10;  ///< request line and header fields
   std::size_t max_header_fields = 100;
-  std::chrono::seconds head_timeout{10};           ///< for a whole head once it has begun
-  std::chrono::seconds body_timeout{60};           ///< for a whole body
+  std::chrono::seconds head_timeout{10};  ///< for a whole head once it has begun
+  std::chrono::seconds body_timeout{60};  ///< for a whole body
+  /// Of a body that goes into a file: `body_timeout` is without progress then, and this in all.
+  std::chrono::seconds large_body_timeout{3600};
   std::chrono::seconds write_timeout{10};          ///< without progress
   std::chrono::milliseconds idle_timeout{30'000};  ///< of a kept connection
   /// Instead, while more than half of the connections are taken: idle clients make room soon.

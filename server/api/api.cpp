@@ -61,6 +61,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_diff_route(router_, *services_);
   add_split_route(router_, *services_);
   add_georeference_routes(router_, *services_);
+  add_archive_routes(router_, *services_);
   add_job_routes(router_, *services_);
 }
 
@@ -72,10 +73,24 @@ void Api::stop() {
   services_->jobs.stop();
 }
 
+const Route* Api::route_of(const std::string& method, const std::string& target) const {
+  return router_.find(method, std::string_view(target).substr(0, target.find_first_of("?#"))).route;
+}
+
 std::size_t Api::max_body(const std::string& method, const std::string& target) const {
-  const auto path = std::string_view(target).substr(0, target.find_first_of("?#"));
-  const auto match = router_.find(method, path);
-  return match.route ? match.route->max_body : 0;
+  const Route* route = route_of(method, target);
+  return route ? route->max_body : 0;
+}
+
+bool Api::takes_large_body(const std::string& method, const std::string& target) const {
+  const Route* route = route_of(method, target);
+  return route && route->body_in_file;
+}
+
+std::unique_ptr<ByteFile> Api::file_for_body(const std::string& method,
+                                             const std::string& target) const {
+  if (!takes_large_body(method, target)) return nullptr;
+  return open_temporary_file(services_->options.spool_folder);
 }
 
 Response Api::answer(const Request& request, std::string& route_name) {

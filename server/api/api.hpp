@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <semaphore>
 #include <string>
@@ -25,6 +26,8 @@ struct ApiOptions {
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
   MapsOptions maps;
   JobQueueOptions jobs;
+  std::size_t max_archive_bytes = 16ull << 30;  ///< of an uploaded archive
+  std::filesystem::path spool_folder;           ///< of large bodies; empty: the system's
 };
 
 /// What handlers work with.
@@ -54,6 +57,11 @@ class Api {
 
   /// How many bytes of body a request may bring: known from its first line, before it is read.
   std::size_t max_body(const std::string& method, const std::string& target) const;
+  /// Where its body is to be put, if not into memory; null: into memory.
+  std::unique_ptr<ByteFile> file_for_body(const std::string& method,
+                                          const std::string& target) const;
+  /// True where the body may take long to come.
+  bool takes_large_body(const std::string& method, const std::string& target) const;
 
   /// Ends jobs (they go on at the next start) and event streams. Requests are still answered.
   void stop();
@@ -62,6 +70,7 @@ class Api {
 
  private:
   Response answer(const Request& request, std::string& route_name);
+  const Route* route_of(const std::string& method, const std::string& target) const;
 
   std::unique_ptr<Services> services_;
   Router router_;
@@ -80,6 +89,7 @@ void add_session_routes(Router& router, Services& services);
 void add_session_scan_routes(Router& router, Services& services);
 void add_split_route(Router& router, Services& services);
 void add_georeference_routes(Router& router, Services& services);
+void add_archive_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);
 
 }  // namespace cellmap::server
