@@ -73,24 +73,30 @@ void Api::stop() {
   services_->jobs.stop();
 }
 
-const Route* Api::route_of(const std::string& method, const std::string& target) const {
-  return router_.find(method, std::string_view(target).substr(0, target.find_first_of("?#"))).route;
+namespace {
+
+const Route* route_of(const Router& router, std::string_view method, std::string_view target) {
+  return router.find(method, target.substr(0, target.find_first_of("?#"))).route;
 }
 
-std::size_t Api::max_body(const std::string& method, const std::string& target) const {
-  const Route* route = route_of(method, target);
+}  // namespace
+
+std::size_t Api::max_body(std::string_view method, std::string_view target) const {
+  const Route* route = route_of(router_, method, target);
   return route ? route->max_body : 0;
 }
 
-bool Api::takes_large_body(const std::string& method, const std::string& target) const {
-  const Route* route = route_of(method, target);
-  return route && route->body_in_file;
+std::unique_ptr<ByteFile> Api::file_for_body(std::string_view method,
+                                             std::string_view target) const {
+  const Route* route = route_of(router_, method, target);
+  if (!route || !route->body_in_file) return nullptr;
+  return open_temporary_file(services_->options.spool_folder);
 }
 
-std::unique_ptr<ByteFile> Api::file_for_body(const std::string& method,
-                                             const std::string& target) const {
-  if (!takes_large_body(method, target)) return nullptr;
-  return open_temporary_file(services_->options.spool_folder);
+bool Api::may_wait(std::string_view method, std::string_view target) const {
+  if (method != "GET" && method != "HEAD") return true;  // for the map's writer, or for a turn
+  const Route* route = route_of(router_, method, target);
+  return route && route->waits;
 }
 
 Response Api::answer(const Request& request, std::string& route_name) {

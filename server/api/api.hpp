@@ -56,12 +56,12 @@ class Api {
   Response handle(const Request& request);
 
   /// How many bytes of body a request may bring: known from its first line, before it is read.
-  std::size_t max_body(const std::string& method, const std::string& target) const;
+  std::size_t max_body(std::string_view method, std::string_view target) const;
   /// Where its body is to be put, if not into memory; null: into memory.
-  std::unique_ptr<ByteFile> file_for_body(const std::string& method,
-                                          const std::string& target) const;
-  /// True where the body may take long to come.
-  bool takes_large_body(const std::string& method, const std::string& target) const;
+  std::unique_ptr<ByteFile> file_for_body(std::string_view method, std::string_view target) const;
+
+  /// Whether a request may wait for a job, a follower's next event, its turn or its reader.
+  bool may_wait(std::string_view method, std::string_view target) const;
 
   /// Ends jobs (they go on at the next start) and event streams. Requests are still answered.
   void stop();
@@ -70,7 +70,6 @@ class Api {
 
  private:
   Response answer(const Request& request, std::string& route_name);
-  const Route* route_of(const std::string& method, const std::string& target) const;
 
   std::unique_ptr<Services> services_;
   Router router_;

@@ -149,15 +149,20 @@ Response put(Services& services, const Call& call) {
 void add_archive_routes(Router& router, Services& services) {
   const auto files = std::make_shared<ArchiveFiles>();
   const std::string path = "/v1/maps/{map}/archive";
-  router.add({"GET", path, {"encoding", "bound"}, 0, {kArchiveType}, [&, files](const Call& call) {
-                return get(services, *files, call);
-              }});
+  router.add({"GET",
+              path,
+              {"encoding", "bound"},
+              0,
+              {kArchiveType},
+              [&, files](const Call& call) { return get(services, *files, call); },
+              true});
   router.add({"PUT",
               path,
               {},
               services.options.max_archive_bytes,
               {"application/json"},
               [&](const Call& call) { return put(services, call); },
+              true,
               true});
 }
 

@@ -63,6 +63,7 @@ struct Route {
   std::vector<std::string>
       types;  ///< media types of its answer; empty: no negotiation (or its own)
   Handler handler;
+  bool waits = false;         ///< a GET that takes long or waits for something to happen
   bool body_in_file = false;  ///< bodies are large: the front puts them into a file, not in memory
 };
 
