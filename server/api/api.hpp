@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <semaphore>
 #include <string>
@@ -17,14 +18,17 @@
 namespace cellmap::server {
 
 struct ApiOptions {
-  std::string openapi;      ///< text of schema/openapi.yaml
-  int threads = 0;          ///< of one relocalisation or optimisation; 0: all
-  int relocalisations = 2;  ///< that run at a time; others wait up to `relocalisation_wait`
+  std::string openapi;           ///< text of schema/openapi.yaml
+  std::filesystem::path viewer;  ///< folder of the built viewer; empty: none
+  int threads = 0;               ///< of one relocalisation or optimisation; 0: all
+  int relocalisations = 2;       ///< that run at a time; others wait up to `relocalisation_wait`
   std::chrono::milliseconds relocalisation_wait = std::chrono::seconds(10);
   int max_followers = 64;  ///< clients that follow jobs or maps at a time
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
   MapsOptions maps;
   JobQueueOptions jobs;
+  std::size_t max_archive_bytes = 16ull << 30;  ///< of an uploaded archive
+  std::filesystem::path spool_folder;           ///< of large bodies; empty: the system's
 };
 
 /// What handlers work with.
@@ -54,6 +58,8 @@ class Api {
 
   /// How many bytes of body a request may bring: known from its first line, before it is read.
   std::size_t max_body(std::string_view method, std::string_view target) const;
+  /// Where its body is to be put, if not into memory; null: into memory.
+  std::unique_ptr<ByteFile> file_for_body(std::string_view method, std::string_view target) const;
 
   /// Whether a request may wait for a job, a follower's next event, its turn or its reader.
   bool may_wait(std::string_view method, std::string_view target) const;
@@ -71,6 +77,7 @@ class Api {
 };
 
 // One file a resource.
+void add_viewer_routes(Router& router, Services& services);
 void add_service_routes(Router& router, Services& services);
 void add_map_routes(Router& router, Services& services);
 void add_cell_routes(Router& router, Services& services);
@@ -83,6 +90,7 @@ void add_session_routes(Router& router, Services& services);
 void add_session_scan_routes(Router& router, Services& services);
 void add_split_route(Router& router, Services& services);
 void add_georeference_routes(Router& router, Services& services);
+void add_archive_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);
 
 }  // namespace cellmap::server
