@@ -41,6 +41,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);
+  add_compare(app, verbs);
   add_export(app, verbs);
   add_optimize(app, verbs);
 }
