@@ -3,6 +3,7 @@
 #include <set>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/pipeline/build_map.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -25,21 +26,19 @@ std::shared_ptr<const Cell> load(const Store& store, const std::string& map, Cel
   return std::make_shared<const Cell>(decode_stored_cell(*store.compressed_cell(map, id)));
 }
 
-/// Puts mapper and source behind the last stored CELL of the session. False where the drive ends
-/// there.
-bool go_on(const Store& store, const std::string& map, const std::string& session,
-           ScanSource& source, Mapper& mapper, Progress& state) {
+/// Puts mapper and source behind the last stored CELL of the session, and says how many CELLs it
+/// has. nullopt where the drive ends there.
+std::optional<std::size_t> go_on(const Store& store, const std::string& map,
+                                 const std::string& session, ScanSource& source, Mapper& mapper) {
   const auto last = store.last_cell(map, session);
-  if (!last) return true;
+  if (!last) return 0;
   const auto cell = load(store, map, last->id);
   const std::size_t next = cell->first_scan + std::size_t{cell->scan_count};
-  state.scans_done = next;
-  state.cells_done = last->sequence + std::size_t{1};
-  if (next >= source.size()) return false;
+  if (next >= source.size()) return std::nullopt;
   source.seek(cell->first_scan);
   mapper.resume_after(last->id, cell, source.next().value());
   source.seek(next);
-  return true;
+  return last->sequence + std::size_t{1};
 }
 
 }  // namespace
@@ -64,21 +63,15 @@ MapInfo build_in_store(Store& store, const std::string& map,
                            return places;
                          }};
   Mapper mapper(options, session, directions, store.pose_graph(map), access);
-  Progress state{0, source.size(), 0};
-  const auto commit = [&](std::optional<CellUpdate> update) {
-    if (!update) return;
-    mapper.number(store.commit(map, to_map_update(*std::move(update))).constraint_ids);
-    ++state.cells_done;
+  const auto done = go_on(store, map, session, source, mapper);
+  if (!done) return info;
+  const auto commit = [&](CellUpdate&& update) {
+    mapper.number(store.commit(map, to_map_update(std::move(update))).constraint_ids);
   };
-
-  if (!go_on(store, map, session, source, mapper, state)) return info;
-  while (const auto scan = source.next()) {
-    throw_if_stopped(stop);
-    commit(mapper.add(*scan));
-    state.scans_done = scan->index + 1;
+  build_map(source, mapper, commit, stop, [&](Progress state) {
+    state.cells_done += *done;
     if (progress) progress(state);
-  }
-  commit(mapper.finish());
+  });
   return store.map(map);
 }
 

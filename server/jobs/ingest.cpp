@@ -1,6 +1,9 @@
 #include "server/jobs/ingest.hpp"
 
+#include <mutex>
+
 #include "cellmap/core/error.hpp"
+#include "cellmap/pipeline/make_cells.hpp"
 #include "cellmap/pipeline/mapper.hpp"
 
 namespace cellmap::server {
@@ -32,12 +35,9 @@ class Ingest {
       if (source_.size() > 0 && resume->next_scan() >= source_.size()) return;
     }
     if (!go_on_after(resume)) return;
-    while (const auto scan = source_.next()) {
-      throw_if_stopped(stop_);
-      if (auto cell = front_end_.add(*scan)) extend_map(std::move(*cell));
-      ++progress_.scans_done;
-      if (hooks_.progress) hooks_.progress(progress_);
-    }
+    const CellSink sink{[this](FinishedCell&& cell) { extend_map(std::move(cell)); },
+                        [this](const PosedScan&) { count_scan(); }};
+    make_cells(source_, front_end_, request_.options.build.threads != 1, sink, stop_);
     throw_if_stopped(stop_);
     if (auto cell = front_end_.finish()) extend_map(std::move(*cell));
   }
@@ -62,8 +62,15 @@ class Ingest {
       const std::lock_guard lock(state_->writer());
       extend(store_, *state_, back_end_, std::move(cell));
     }
+    const std::lock_guard lock(progress_mutex_);
     ++progress_.cells_done;
     if (hooks_.committed) hooks_.committed(progress_);
+  }
+
+  void count_scan() {
+    const std::lock_guard lock(progress_mutex_);
+    ++progress_.scans_done;
+    if (hooks_.progress) hooks_.progress(progress_);
   }
 
   Store& store_;
@@ -74,6 +81,7 @@ class Ingest {
   const IngestHooks& hooks_;
   FrontEnd front_end_;
   BackEnd back_end_;
+  std::mutex progress_mutex_;  ///< scans are counted while CELLs are committed
   Progress progress_;
 };
 

@@ -30,7 +30,7 @@ CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, Fini
                     std::optional<EncodedCell> encoded = {});
 
 struct IngestHooks {
-  ProgressCallback progress;   ///< after every scan
+  ProgressCallback progress;   ///< after every scan, by the thread that reads
   ProgressCallback committed;  ///< after every CELL, which is then durable
 };
 

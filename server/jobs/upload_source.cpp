@@ -66,9 +66,11 @@ std::size_t UploadSource::room() const {
 
 std::optional<PosedScan> UploadSource::next() {
   std::unique_lock lock(mutex_);
-  const bool woken = changed_.wait_for(lock, stop_, options_.idle_timeout,
-                                       [&] { return complete_ || !queue_.empty(); });
+  const bool woken = changed_.wait_for(lock, stop_, options_.idle_timeout, [&] {
+    return interrupted_ || complete_ || !queue_.empty();
+  });
   throw_if_stopped(stop_);
+  if (interrupted_) throw Error(ErrorCode::kCancelled, "nobody reads the scans any more");
   if (!woken) {
     throw Error(ErrorCode::kUnavailable,
                 "No scan came for " + std::to_string(options_.idle_timeout.count() / 1000) +
@@ -78,6 +80,12 @@ std::optional<PosedScan> UploadSource::next() {
   std::optional<PosedScan> scan = std::move(queue_.front());
   drop_first();
   return scan;
+}
+
+void UploadSource::interrupt() {
+  const std::lock_guard lock(mutex_);
+  interrupted_ = true;
+  changed_.notify_all();
 }
 
 void UploadSource::seek(std::size_t index) {

@@ -42,6 +42,7 @@ class UploadSource : public ScanSource {
   /// Blocks. Throws Error{kCancelled} when stopped and Error{kUnavailable} where no scan comes in
   /// time.
   std::optional<PosedScan> next() override;
+  void interrupt() override;
   /// Scans from `index` on that wait already are kept.
   void seek(std::size_t index) override;
   const Trajectory& ground_truth() const override { return no_truth_; }
@@ -60,6 +61,7 @@ class UploadSource : public ScanSource {
   std::size_t queued_points_ = 0;
   std::uint64_t next_scan_;
   bool complete_ = false;
+  bool interrupted_ = false;
 };
 
 }  // namespace cellmap::server

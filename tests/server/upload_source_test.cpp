@@ -39,6 +39,13 @@ TEST(UploadSource, AScanWaitsForTheRoomThatTheJobMakes) {
   EXPECT_EQ(source.next()->index, 2u);
 }
 
+TEST(UploadSource, AnInterruptedReaderStopsWaiting) {
+  UploadSource source(0, 0, {}, small_queue());
+  auto read = std::async(std::launch::async, [&] { return source.next(); });
+  source.interrupt();
+  test::expect_error(ErrorCode::kCancelled, [&] { read.get(); });
+}
+
 TEST(UploadSource, AScanThatFindsNoRoomInTimeIsRefused) {
   UploadOptions hurried = small_queue();
   hurried.room_timeout = std::chrono::milliseconds(1);

@@ -39,13 +39,17 @@ void Mapper::resume_after(CellId id, std::shared_ptr<const Cell> last, const Pos
 std::optional<CellUpdate> Mapper::add(const PosedScan& scan) {
   auto finished = front_end_.add(scan);
   if (!finished) return std::nullopt;
-  return back_end_.integrate(std::move(*finished), graph_);
+  return integrate(std::move(*finished));
 }
 
 std::optional<CellUpdate> Mapper::finish() {
   auto finished = front_end_.finish();
   if (!finished) return std::nullopt;
-  return back_end_.integrate(std::move(*finished), graph_);
+  return integrate(std::move(*finished));
+}
+
+CellUpdate Mapper::integrate(FinishedCell&& cell) {
+  return back_end_.integrate(std::move(cell), graph_);
 }
 
 void Mapper::number(std::span<const ConstraintId> ids) {

@@ -27,6 +27,11 @@ class Mapper {
   /// Adds the next scan; returns the CELL that it completed, if it did.
   std::optional<CellUpdate> add(const PosedScan& scan);
 
+  /// The two halves of `add`, for who runs them side by side (`make_cells`): scans into finished
+  /// CELLs, and a finished CELL into the map.
+  FrontEnd& front_end() { return front_end_; }
+  CellUpdate integrate(FinishedCell&& cell);
+
   /// Ends the drive: the CELL of the scans since the last one, if there are any.
   std::optional<CellUpdate> finish();
 
@@ -35,6 +40,7 @@ class Mapper {
   void number(std::span<const ConstraintId> ids);
 
   const PoseGraph& graph() const { return graph_; }
+  const MapperOptions& options() const { return options_; }
 
  private:
   MapperOptions options_;

@@ -41,6 +41,10 @@ class ScanSource {
   /// Makes `next` return scan `index` <= size().
   virtual void seek(std::size_t index) = 0;
 
+  /// Makes a `next` that waits on another thread, and every later one, throw Error{kCancelled}; the
+  /// only function that may be called meanwhile. Sources that never wait for long ignore it.
+  virtual void interrupt() {}
+
   /// Ground truth T_world_sensor where the drive carries it, one pose a scan with the scan's stamp;
   /// else empty.
   virtual const Trajectory& ground_truth() const = 0;
