@@ -4,9 +4,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cellmap/client/comparison.hpp"
 #include "cellmap/client/files.hpp"
 #include "cellmap/core/progress.hpp"
 #include "cellmap/evaluation/comparison.hpp"
+#include "cellmap/store/documents.hpp"
+#include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/mapper_flags.hpp"
@@ -26,7 +29,8 @@ struct Options {
   ComparisonOptions comparison;
   std::size_t held_back = 8;
   std::vector<std::string> rows;
-  std::string json, html, keep;
+  Place place;
+  std::string json, html, keep, map;
   CLI::Option* json_option = nullptr;
 };
 
@@ -59,6 +63,28 @@ PublishedRow pin_slam() {
           kBytes / kLengthM};
 }
 
+/// CELLs in every form; and those of patches without depth, which are the paper's number of planes.
+std::vector<Representation> cell_representations(const Options& options,
+                                                 const MapperOptions& mapper) {
+  std::vector<CellForm> forms = {{CellForm::Kind::kRaw, 0}, {CellForm::Kind::kPacked, 0}};
+  for (const double bound_m : {0.005, 0.01, 0.02, 0.03, 0.05}) {
+    forms.push_back({CellForm::Kind::kCompact, bound_m});
+  }
+  const LatticeSpec lattice = options.mapper.lattice();
+  std::vector<Representation> rows;
+  for (const CellForm& form : forms) {
+    rows.push_back(cells(form, mapper.cell_distance_m, mapper.build, lattice));
+  }
+  CellBuildOptions strict = mapper.build;
+  strict.max_range_gap_m = 0.2;
+  strict.min_points = 12;
+  for (const CellForm& form : {forms[0], forms[4], forms[6]}) {
+    rows.push_back(cells(form, mapper.cell_distance_m, strict, lattice));
+    rows.back().name += ", range gap 0.2 m, 12 points";
+  }
+  return rows;
+}
+
 std::vector<Representation> all_representations(const Options& options) {
   const MapperOptions mapper = options.mapper.mapper_options(options.comparison.threads);
   std::vector<Representation> all = {raw_points(), raw_points(9)};
@@ -70,14 +96,7 @@ std::vector<Representation> all_representations(const Options& options) {
 #endif
   all.push_back(surfels(0.4));
   all.push_back(surfels(0.2));
-  std::vector<CellForm> forms = {{CellForm::Kind::kRaw, 0}, {CellForm::Kind::kPacked, 0}};
-  for (const double bound_m : {0.005, 0.01, 0.02, 0.03, 0.05}) {
-    forms.push_back({CellForm::Kind::kCompact, bound_m});
-  }
-  for (const CellForm& form : forms) {
-    all.push_back(
-        cells(form, mapper.cell_distance_m, mapper.build, options.mapper.lattice()));
-  }
+  for (Representation& row : cell_representations(options, mapper)) all.push_back(std::move(row));
   return all;
 }
 
@@ -106,8 +125,18 @@ std::unique_ptr<ScanSource> open_drive(DriveFlags flags) {
   return flags.open();
 }
 
+void put_with_map(const Options& options, const std::string& json) {
+  if (options.place.store.empty()) {
+    put_comparison(client_options_of(options.place), options.map, json);
+  } else {
+    documents_of(*open_existing_store(options.place.store))
+        .put_document(options.map, "comparison", json);
+  }
+}
+
 void run(const Options& options, const Console& console) {
   const Interrupt interrupt;
+  if (!options.map.empty()) open_reader(options.place)->map(options.map);  // before minutes of work
   const std::vector<Representation> representations = chosen_representations(options);
   const MapperOptions mapper = options.mapper.mapper_options(options.comparison.threads);
   const WorkFolder work;
@@ -142,6 +171,7 @@ void run(const Options& options, const Console& console) {
   const std::string json = to_json(comparison);
   if (!options.json.empty()) client::write_file_atomically(options.json, json + "\n");
   if (!options.html.empty()) client::write_file_atomically(options.html, to_html(comparison));
+  if (!options.map.empty()) put_with_map(options, json);
   Console out = console;
   out.json = options.json_option->count() > 0 && options.json.empty();
   out.print(client::Json::parse(json), to_table(comparison));
@@ -155,6 +185,7 @@ void add_compare(CLI::App& app, Verbs& verbs) {
       app, "compare", "Measure map representations on a drive: their size and what it costs",
       "  cellmap compare kitti00-dense --angle-correction 0.205 --html report.html\n"
       "  cellmap compare drive --scans 40 --held-back 4 --json rows.json\n"
+      "  cellmap compare drive --server http://127.0.0.1:8080 --map town\n"
       "Poses are poses_gt.txt of the folder where it has one, else poses.txt or --poses.\n",
       [options](const Console& console) { run(*options, console); });
   add_drive_flags(*verb, options->drive);
@@ -185,6 +216,9 @@ void add_compare(CLI::App& app, Verbs& verbs) {
                        "Write the rows as JSON to this file; without one, print them")
           ->expected(0, 1);
   verb->add_option("--html", options->html, "Write a report with plots to this file");
+  verb->add_option("--map", options->map,
+                   "Keep the comparison with this map of --server or --store");
+  add_place_options(*verb, options->place, true);
   verb->add_option("--keep", options->keep, "Keep the files of all representations in this folder");
   add_mapper_flags(*verb, options->mapper);
 }

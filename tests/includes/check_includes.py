@@ -27,12 +27,13 @@ ROOMS = {
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
     "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "change", "store"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph", "codec"],
+    "export": ["core", "geometry", "cell", "place"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry", "evaluation"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
                "change", "pipeline", "codec", "store", "document"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "document", "evaluation", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "document", "evaluation", "export", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it

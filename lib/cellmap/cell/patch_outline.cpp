@@ -20,8 +20,7 @@ std::array<Eigen::Vector3d, kOutlineCorners> patch_outline(const Plane& plane,
   std::array<Eigen::Vector3d, kOutlineCorners> corners;
   for (std::size_t k = 0; k < kOutlineCorners; ++k) {
     const double angle = -2 * std::numbers::pi * static_cast<double>(k) / kOutlineCorners;
-    const Eigen::Vector3d ray =
-        direction + slope * (std::cos(angle) * side + std::sin(angle) * up);
+    const Eigen::Vector3d ray = direction + slope * (std::cos(angle) * side + std::sin(angle) * up);
     // From the centre to where the ray meets the plane, times how steeply it does (negative): a
     // ray along the plane or away from it has no such point, but the same way there.
     const double facing = -normal.dot(ray);
@@ -41,8 +40,8 @@ TriangleMesh patch_mesh(const Cell& cell, const Lattice& lattice, const Pose& T_
   TriangleMesh mesh;
   for (std::size_t k = 0; k < cell.planes.size(); ++k) {
     const std::uint32_t index = cell.indices[k];
-    auto corners = patch_outline(cell.planes[k], lattice.direction(index),
-                                 lattice.patch_radius_rad(index));
+    auto corners =
+        patch_outline(cell.planes[k], lattice.direction(index), lattice.patch_radius_rad(index));
     for (Eigen::Vector3d& corner : corners) corner = T_target_cell * corner;
     mesh.add_polygon(corners);
   }

@@ -27,10 +27,10 @@ ComparedDrive read_compared_drive(ScanSource& source, const ScanFilterOptions& f
                                   const std::function<void(std::size_t)>& progress) {
   filter.validate();
   if (source.size() < held_back + 2) {
-    throw Error(ErrorCode::kInvalidArgument,
-                "expected a drive of at least " + std::to_string(held_back + 2) +
-                    " scans to hold " + std::to_string(held_back) + " back, found " +
-                    std::to_string(source.size()));
+    throw Error(ErrorCode::kInvalidArgument, "expected a drive of at least " +
+                                                 std::to_string(held_back + 2) + " scans to hold " +
+                                                 std::to_string(held_back) + " back, found " +
+                                                 std::to_string(source.size()));
   }
   const Trajectory& truth = source.ground_truth();
   const bool with_truth = use_truth && truth.size() == source.size();
@@ -69,8 +69,7 @@ PointCloud voxel_means(const PointCloud& points, double voxel_m) {
            0x1fffffU;
   };
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::uint64_t key =
-        part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
+    const std::uint64_t key = part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
     const auto [found, is_new] = place_of.try_emplace(key, means.size());
     if (is_new) means.emplace_back();
     Mean& mean = means[found->second];

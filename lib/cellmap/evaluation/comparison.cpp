@@ -41,8 +41,7 @@ PointCloud one_a_voxel(const PointCloud& points, double voxel_m) {
            0x1fffffU;
   };
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::uint64_t key =
-        part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
+    const std::uint64_t key = part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
     if (seen.insert(key).second) result.push_back(points[i]);
   }
   return result;
@@ -93,13 +92,13 @@ class Reference {
   Reference(const ComparedDrive& drive, const ComparisonOptions& options)
       : options_(options),
         corridor_(drive),
-        points_(thinned(corridor_.within(stacked_points(drive),
-                                         options.evaluation_range_m + kMarginM),
-                        kMaxReferencePoints)),
+        points_(
+            thinned(corridor_.within(stacked_points(drive), options.evaluation_range_m + kMarginM),
+                    kMaxReferencePoints)),
         tree_(points_),
-        asked_(thinned(corridor_.within(one_a_voxel(points_, kReferenceVoxelM),
-                                        options.evaluation_range_m),
-                       options.samples)) {}
+        asked_(thinned(
+            corridor_.within(one_a_voxel(points_, kReferenceVoxelM), options.evaluation_range_m),
+            options.samples)) {}
 
   ReconstructionErrors measure(const DecodedMap& map) const {
     const double range_m = options_.evaluation_range_m;
@@ -110,8 +109,7 @@ class Reference {
       return errors(samples, distances_to_points(asked_, NearestPoints(points), options_.threads));
     }
     const TriangleMesh surface = corridor_.within(map.surface, range_m + kMarginM);
-    const PointCloud samples =
-        corridor_.within(sample_surface(surface, options_.samples), range_m);
+    const PointCloud samples = corridor_.within(sample_surface(surface, options_.samples), range_m);
     return errors(samples, distances_to_surface(asked_, surface, options_.threads));
   }
 
@@ -132,8 +130,8 @@ class Reference {
 std::string folder_name(const std::string& row) {
   std::string name;
   for (const char c : row) {
-    const bool plain = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                       c == '.';
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '.';
     if (plain) {
       name += c;
     } else if (!name.empty() && name.back() != '-') {
@@ -187,8 +185,9 @@ ComparisonRow measure(const ComparedDrive& drive, const Representation& represen
   }
   row.reconstruction = reference.measure(map);
   const HeldBackErrors errors = register_held_back(drive, map, options);
-  row.registration_error_m = errors.median_m;
-  row.registration_error_deg = errors.median_deg;
+  row.registration_error_m = errors.points_m;
+  row.registration_origin_m = errors.origin_m;
+  row.registration_turn_deg = errors.turn_deg;
   row.registrations = errors.registrations;
   row.failed = errors.failed;
   return row;
@@ -226,7 +225,8 @@ Comparison compare(const ComparedDrive& drive, const std::vector<Representation>
                    const std::function<void(const std::string&)>& progress) {
   options.validate();
   if (!(drive.length_m > 0)) {
-    throw Error(ErrorCode::kInvalidArgument, "expected a drive that moves, found one that does not");
+    throw Error(ErrorCode::kInvalidArgument,
+                "expected a drive that moves, found one that does not");
   }
   const Reference reference(drive, options);
   Comparison comparison;

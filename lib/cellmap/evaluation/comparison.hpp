@@ -30,8 +30,10 @@ namespace cellmap {
 /// CELL nearest to the start), to all else the plane at the nearest point (`register_to_points`):
 /// normals as stored, or estimated from the decoded points where the files hold none. Clouds denser
 /// than `thin_m` are thinned to it first, as all who register to them do, since normals of points
-/// that lie nearer than their noise are noise. Errors are against the drive's own pose of the scan,
-/// whose errors (none in the simulator, centimetres on KITTI) all rows share.
+/// that lie nearer than their noise are noise. The error of a registration is how far it puts the
+/// scan's points, in the mean, from where the drive's own pose of the scan puts them: one number
+/// for translation and rotation, which at 20 m counts a degree as 0.35 m. That pose's own error
+/// (none in the simulator, centimetres on KITTI) all rows share.
 struct ComparisonOptions {
   double evaluation_range_m = 30;
   std::size_t samples = 100'000;  ///< distances each way
@@ -39,9 +41,7 @@ struct ComparisonOptions {
   std::size_t starts = 2;  ///< of each held-back scan
   std::size_t registration_points = 20'000;
   double thin_m = 0.1;
-  /// A registration that ends farther from the pose than this has failed, and so has one that does
-  /// not converge.
-  double failed_m = 1.0;
+  double failed_m = 1.0;  ///< a registration with a larger error has failed
   std::uint64_t seed = 1;
   int threads = 1;  ///< 0: all. Nothing but times depends on it.
 
@@ -58,8 +58,9 @@ struct ComparisonRow {
   double bytes_per_m = 0;
   std::optional<std::uint64_t> planes;  ///< of CELLs
   ReconstructionErrors reconstruction;
-  double registration_error_m = 0;    ///< median over those that did not fail
-  double registration_error_deg = 0;  ///< the same
+  /// Medians over the registrations that did not fail: of the error, and of it what the sensor is
+  /// off and turned.
+  double registration_error_m = 0, registration_origin_m = 0, registration_turn_deg = 0;
   std::size_t registrations = 0, failed = 0;
   double encode_s = 0;  ///< processor time from scans and poses to bytes, of all threads
   double decode_s = 0;  ///< from bytes to `DecodedMap`

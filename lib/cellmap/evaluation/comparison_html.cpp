@@ -138,14 +138,15 @@ std::string grid(const Axis& x, const Axis& y, const Plot& plot) {
     const double at = y.place(value);
     svg += text_of("<line class=\"grid\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"/>", kLeft,
                    at, kWidth - kRight, at);
-    svg += text_of("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">%g</text>\n", kLeft - 8,
-                   at + 4, value);
+    svg += text_of("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"end\">%g</text>\n", kLeft - 8, at + 4,
+                   value);
   }
   svg += text_of("<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">bytes a metre driven</text>\n",
                  (kLeft + kWidth - kRight) / 2, kHeight - 8);
-  svg += text_of("<text transform=\"rotate(-90)\" x=\"%.1f\" y=\"14\" text-anchor=\"middle\">%s"
-                 "</text>\n",
-                 -(kTop + kHeight - kBottom) / 2, plot.y_name.c_str());
+  svg += text_of(
+      "<text transform=\"rotate(-90)\" x=\"%.1f\" y=\"14\" text-anchor=\"middle\">%s"
+      "</text>\n",
+      -(kTop + kHeight - kBottom) / 2, plot.y_name.c_str());
   return svg;
 }
 
@@ -186,7 +187,7 @@ std::string table_row(const ComparisonRow& row, std::size_t number) {
   std::string html = text_of("<tr class=\"%s\"><td>%zu</td><td>", family(row), number) +
                      escaped(row.name) + "</td>" + cell("%.0f", row.bytes_per_m);
   if (!row.measured) {
-    return html + "<td colspan=\"10\" class=\"note\">not measured; " + escaped(row.note) +
+    return html + "<td colspan=\"11\" class=\"note\">not measured; " + escaped(row.note) +
            "</td></tr>\n";
   }
   const double planes = row.planes ? static_cast<double>(*row.planes) : NAN;
@@ -194,7 +195,9 @@ std::string table_row(const ComparisonRow& row, std::size_t number) {
   html += cell("%.1f", row.reconstruction.accuracy_m * 1000);
   html += cell("%.1f", row.reconstruction.completeness_m * 1000);
   for (const double score : row.reconstruction.f_score) html += cell("%.3f", score);
-  html += cell("%.1f", row.registration_error_m * 1000) + cell("%.3f", row.registration_error_deg);
+  html += cell("%.1f", row.registration_error_m * 1000) +
+          cell("%.1f", row.registration_origin_m * 1000);
+  html += cell("%.3f", row.registration_turn_deg);
   html += text_of("<td>%zu of %zu</td>", row.failed, row.registrations);
   return html + cell("%.2f", row.encode_s) + cell("%.3f", row.decode_s) + "</tr>\n";
 }
@@ -203,7 +206,8 @@ std::string table(const Comparison& comparison) {
   std::string html =
       "<div class=\"scroll\"><table>\n<tr><th></th><th>representation</th><th>bytes/m</th>"
       "<th>bytes/plane</th><th>accuracy, mm</th><th>completeness, mm</th><th>F 5 cm</th>"
-      "<th>F 10 cm</th><th>F 20 cm</th><th>scan off, mm</th><th>deg</th><th>failed</th>"
+      "<th>F 10 cm</th><th>F 20 cm</th><th>scan off, mm</th><th>origin, mm</th>"
+      "<th>turned, deg</th><th>failed</th>"
       "<th>encode, s</th><th>decode, s</th></tr>\n";
   for (std::size_t k = 0; k < comparison.rows.size(); ++k) {
     html += table_row(comparison.rows[k], k + 1);
@@ -226,9 +230,10 @@ std::string to_html(const Comparison& comparison) {
   };
   std::string html =
       std::string(kHead) + "<p>Dataset " + escaped(comparison.dataset) +
-      text_of(": %zu scans over %.1f m, %zu of them held back and registered. Numbers in the plots "
-              "are those of the table.</p>\n",
-              comparison.scans, comparison.length_m, comparison.held_back);
+      text_of(
+          ": %zu scans over %.1f m, %zu of them held back and registered. Numbers in the plots "
+          "are those of the table.</p>\n",
+          comparison.scans, comparison.length_m, comparison.held_back);
   for (const Plot& plot : plots) html += figure(comparison, plot);
   return html + table(comparison) + "</body>\n</html>\n";
 }

@@ -40,7 +40,8 @@ Json row_json(const ComparisonRow& row) {
   json["completeness_m"] = measured(row.reconstruction.completeness_m);
   json["f_score"] = f_scores(row);
   json["registration_error_m"] = measured(row.registration_error_m);
-  json["registration_error_deg"] = measured(row.registration_error_deg);
+  json["registration_origin_m"] = measured(row.registration_origin_m);
+  json["registration_turn_deg"] = measured(row.registration_turn_deg);
   json["registrations"] = measured(row.registrations);
   json["registrations_failed"] = measured(row.failed);
   json["encode_s"] = measured(row.encode_s);
@@ -57,21 +58,20 @@ std::string line(const char* pattern, Values... values) {
 
 std::string row_text(const ComparisonRow& row) {
   if (!row.measured) {
-    return line("%-42s %11s", row.name.c_str(),
+    return line("%-60s %11s", row.name.c_str(),
                 std::isnan(row.bytes_per_m) ? "-" : line("%.0f", row.bytes_per_m).c_str()) +
            "  " + row.note + "\n";
   }
   const ReconstructionErrors& errors = row.reconstruction;
-  return line("%-42s %11.0f %7s %8.1f %8.1f  %4.2f %4.2f %4.2f %9.1f %7.3f %4zu/%zu %8.2f %8.3f\n",
-              row.name.c_str(), row.bytes_per_m,
-              row.planes && *row.planes > 0
-                  ? line("%.2f", static_cast<double>(row.bytes) / static_cast<double>(*row.planes))
-                        .c_str()
-                  : "",
-              errors.accuracy_m * 1000, errors.completeness_m * 1000, errors.f_score[0],
-              errors.f_score[1], errors.f_score[2], row.registration_error_m * 1000,
-              row.registration_error_deg, row.failed, row.registrations, row.encode_s,
-              row.decode_s);
+  return line(
+      "%-60s %11.0f %7s %8.1f %8.1f  %4.2f %4.2f %4.2f %8.1f %7.1f %6.3f %4zu/%zu %8.2f %8.3f\n",
+      row.name.c_str(), row.bytes_per_m,
+      row.planes && *row.planes > 0
+          ? line("%.2f", static_cast<double>(row.bytes) / static_cast<double>(*row.planes)).c_str()
+          : "",
+      errors.accuracy_m * 1000, errors.completeness_m * 1000, errors.f_score[0], errors.f_score[1],
+      errors.f_score[2], row.registration_error_m * 1000, row.registration_origin_m * 1000,
+      row.registration_turn_deg, row.failed, row.registrations, row.encode_s, row.decode_s);
 }
 
 }  // namespace
@@ -88,13 +88,13 @@ std::string to_json(const Comparison& comparison) {
 }
 
 std::string to_table(const Comparison& comparison) {
-  std::string text =
-      line("%zu scans, %zu of them held back, %.1f m driven\n", comparison.scans,
-           comparison.held_back, comparison.length_m) +
-      line("%-42s %11s %7s %8s %8s  %14s %9s %7s %6s %8s %8s\n", "", "bytes", "bytes", "accuracy",
-           "complete", "F-score at", "scan off", "turned", "failed", "encode", "decode") +
-      line("%-42s %11s %7s %8s %8s  %14s %9s %7s %6s %8s %8s\n", "", "a metre", "a plane", "mm",
-           "mm", "5   10   20 cm", "mm", "deg", "", "s", "s");
+  std::string text = line("%zu scans, %zu of them held back, %.1f m driven\n", comparison.scans,
+                          comparison.held_back, comparison.length_m) +
+                     line("%-60s %11s %7s %8s %8s  %14s %8s %7s %6s %7s %8s %8s\n", "", "bytes",
+                          "bytes", "accuracy", "complete", "F-score at", "scan off", "origin",
+                          "turned", "failed", "encode", "decode") +
+                     line("%-60s %11s %7s %8s %8s  %14s %8s %7s %6s %7s %8s %8s\n", "", "a metre",
+                          "a plane", "mm", "mm", "5   10   20 cm", "mm", "mm", "deg", "", "s", "s");
   for (const ComparisonRow& row : comparison.rows) text += row_text(row);
   return text;
 }

@@ -16,7 +16,7 @@ namespace {
 constexpr std::size_t kCoarsePoints = 5'000;
 
 struct Outcome {
-  double error_m = 0, error_deg = 0;
+  double points_m = 0, origin_m = 0, turn_deg = 0;
   bool failed = false;
 };
 
@@ -58,20 +58,29 @@ const PlacedCell& nearest_cell(const std::vector<PlacedCell>& cells, const Eigen
   });
 }
 
-/// The pose found, in the map frame; none where the registration did not converge.
-std::optional<Pose> found_pose(const DecodedMap& map, const std::optional<PointTarget>& points,
-                               const PointCloud& scan, const Pose& T_map_start) {
+/// The pose found, in the map frame.
+Pose found_pose(const DecodedMap& map, const std::optional<PointTarget>& points,
+                const PointCloud& scan, const Pose& T_map_start) {
   const RegistrationOptions options = registration_options();
-  if (points) {
-    const RegistrationResult result = register_to_points(*points, scan, T_map_start, options);
-    if (!result.converged) return std::nullopt;
-    return result.T_target_source;
-  }
+  if (points) return register_to_points(*points, scan, T_map_start, options).T_target_source;
   const PlacedCell& placed = nearest_cell(map.cells, T_map_start.translation());
-  const RegistrationResult result =
-      register_scan(*placed.target, scan, placed.T_map_cell.inverse() * T_map_start, options);
-  if (!result.converged) return std::nullopt;
-  return placed.T_map_cell * result.T_target_source;
+  const Pose T_cell_start = placed.T_map_cell.inverse() * T_map_start;
+  return placed.T_map_cell *
+         register_scan(*placed.target, scan, T_cell_start, options).T_target_source;
+}
+
+/// `off`: from where the scan is to where it was found, scan frame.
+Outcome outcome_of(const PointCloud& scan, const Pose& off, double failed_m) {
+  Outcome outcome;
+  for (std::size_t i = 0; i < scan.size(); ++i) {
+    const Eigen::Vector3d p = scan[i].cast<double>();
+    outcome.points_m += (off * p - p).norm();
+  }
+  outcome.points_m /= static_cast<double>(scan.size());
+  outcome.origin_m = off.translation().norm();
+  outcome.turn_deg = angle_between_rad(off, Pose::Identity()) * 180 / std::numbers::pi;
+  outcome.failed = !(outcome.points_m <= failed_m);
+  return outcome;
 }
 
 double median(std::vector<double> values) {
@@ -101,30 +110,25 @@ HeldBackErrors register_held_back(const ComparedDrive& drive, const DecodedMap& 
     for (std::size_t k = begin; k < end; ++k) {
       const PlacedScan& held = drive.held_back[k / options.starts];
       const std::size_t size = held.scan.points.size();
-      const PointCloud scan = every_nth(
-          held.scan.points, std::max<std::size_t>(1, size / options.registration_points));
-      const auto found = found_pose(map, points, scan, held.T_map_scan * start_error(k, options));
-      if (!found) {
-        outcomes[k].failed = true;
-        continue;
-      }
-      const Pose off = held.T_map_scan.inverse() * *found;
-      outcomes[k].error_m = off.translation().norm();
-      outcomes[k].error_deg = angle_between_rad(off, Pose::Identity()) * 180 / std::numbers::pi;
-      outcomes[k].failed = outcomes[k].error_m > options.failed_m;
+      const PointCloud scan =
+          every_nth(held.scan.points, std::max<std::size_t>(1, size / options.registration_points));
+      const Pose found = found_pose(map, points, scan, held.T_map_scan * start_error(k, options));
+      outcomes[k] = outcome_of(scan, held.T_map_scan.inverse() * found, options.failed_m);
     }
   });
   HeldBackErrors errors;
-  std::vector<double> error_m, error_deg;
+  std::vector<double> points_m, origin_m, turn_deg;
   for (const Outcome& outcome : outcomes) {
     ++errors.registrations;
     errors.failed += outcome.failed;
     if (outcome.failed) continue;
-    error_m.push_back(outcome.error_m);
-    error_deg.push_back(outcome.error_deg);
+    points_m.push_back(outcome.points_m);
+    origin_m.push_back(outcome.origin_m);
+    turn_deg.push_back(outcome.turn_deg);
   }
-  errors.median_m = median(std::move(error_m));
-  errors.median_deg = median(std::move(error_deg));
+  errors.points_m = median(std::move(points_m));
+  errors.origin_m = median(std::move(origin_m));
+  errors.turn_deg = median(std::move(turn_deg));
   return errors;
 }
 

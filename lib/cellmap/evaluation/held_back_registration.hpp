@@ -4,9 +4,12 @@
 
 namespace cellmap {
 
-/// How far held-back scans end from where they were taken; NaN where none was registered.
+/// How far held-back scans end from where they were taken: medians over those that did not fail,
+/// NaN where all did.
 struct HeldBackErrors {
-  double median_m = 0, median_deg = 0;  ///< of those that did not fail
+  double points_m = 0;  ///< mean displacement of a scan's points
+  double origin_m = 0;  ///< displacement of the sensor
+  double turn_deg = 0;
   std::size_t registrations = 0, failed = 0;
 };
 

@@ -110,8 +110,7 @@ RegistrationResult register_to_points(const PointTarget& target, const PointClou
   for (std::size_t s = 0; s < stages.size(); ++s) {
     const std::size_t step = step_for(scan.size(), stages[s]);
     for (int k = 0; k < stages[s].max_iterations && !result.converged; ++k) {
-      const Normal system =
-          normal_equations(target, scan, step, result.T_target_source, stages[s]);
+      const Normal system = normal_equations(target, scan, step, result.T_target_source, stages[s]);
       if (system.points < options.min_points_in_gate) return result;
       const Tangent xi = -system.H.ldlt().solve(system.g);
       if (!xi.allFinite()) return result;

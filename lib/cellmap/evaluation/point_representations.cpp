@@ -128,8 +128,7 @@ Representation raw_points(std::optional<int> zstd_level) {
 Representation voxel_points(double voxel_m) {
   return {metres(voxel_m) + " voxels",
           [voxel_m](const ComparedDrive& drive) {
-            return MapFiles{
-                {"points.pcd", pcd_bytes(voxel_means(stacked_points(drive), voxel_m))}};
+            return MapFiles{{"points.pcd", pcd_bytes(voxel_means(stacked_points(drive), voxel_m))}};
           },
           [](const MapFiles& files) {
             DecodedMap map;
@@ -153,8 +152,8 @@ Representation quantised_voxels(double voxel_m, double step_m) {
           },
           [=](const MapFiles& files) {
             DecodedMap map;
-            map.points = points_of_grid(zstd_decompress(files.at(0).bytes, kMaxFileBytes), voxel_m,
-                                        steps);
+            map.points =
+                points_of_grid(zstd_decompress(files.at(0).bytes, kMaxFileBytes), voxel_m, steps);
             return map;
           }};
 }

@@ -28,8 +28,8 @@ struct ReconstructionErrors {
 ReconstructionErrors reconstruction_errors(std::span<const double> from_reconstruction_m,
                                            std::span<const double> from_points_m);
 
-/// Distances of `from` from the nearest of `points`, at most kReconstructionLimitM. The same for any
-/// thread count (0: all).
+/// Distances of `from` from the nearest of `points`, at most kReconstructionLimitM. The same for
+/// any thread count (0: all).
 std::vector<double> distances_to_points(const PointCloud& from, const NearestPoints& points,
                                         int threads);
 /// The same from the surface of a mesh.

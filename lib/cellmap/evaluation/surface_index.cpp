@@ -52,8 +52,8 @@ double distance_to_triangle(const Eigen::Vector3d& p,
                        (a - c).cross(p - c).dot(normal) >= 0;
     if (above) return std::abs((p - a).dot(normal)) / std::sqrt(squared);
   }
-  return std::min({distance_to_segment(p, a, b), distance_to_segment(p, b, c),
-                   distance_to_segment(p, c, a)});
+  return std::min(
+      {distance_to_segment(p, a, b), distance_to_segment(p, b, c), distance_to_segment(p, c, a)});
 }
 
 SurfaceIndex::SurfaceIndex(const TriangleMesh& mesh, double limit_m)

@@ -14,6 +14,9 @@ namespace cellmap {
 namespace {
 
 constexpr std::uint32_t kMinPoints = 6;
+/// Points along a line have no certain normal: the most that the variance across may be of that
+/// within.
+constexpr double kMaxThicknessRatio = 0.3;
 /// Of a voxel's edge: rms distance of its points from their plane.
 constexpr double kMaxThickness = 0.2;
 constexpr std::size_t kSurfelFloats = 7;
@@ -42,8 +45,7 @@ std::vector<Sums> voxel_sums(const PointCloud& points, double voxel_m) {
            0x1fffffU;
   };
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::uint64_t key =
-        part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
+    const std::uint64_t key = part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
     const auto [found, is_new] = place_of.try_emplace(key, sums.size());
     if (is_new) sums.emplace_back();
     sums[found->second].add(points[i].cast<double>());
@@ -59,13 +61,15 @@ void add_surfel(const Sums& sums, double voxel_m, Bytes& bytes) {
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(sums.products / n - mean * mean.transpose());
   const Eigen::Vector3d variances = solver.eigenvalues().cwiseMax(0);
-  if (std::sqrt(variances[0]) > kMaxThickness * voxel_m || variances[1] < 1e-6) return;
+  const bool is_flat = std::sqrt(variances[0]) <= kMaxThickness * voxel_m &&
+                       variances[0] <= kMaxThicknessRatio * variances[1];
+  if (!is_flat || variances[1] <= 0) return;
   const Eigen::Vector3f centre = (sums.origin + mean).cast<float>();
   const Eigen::Vector3f normal = solver.eigenvectors().col(0).cast<float>();
   // A disc has the variance r^2 / 4 along both of its axes.
   const auto radius = static_cast<float>(std::sqrt(2 * (variances[1] + variances[2])));
-  for (const float value : {centre.x(), centre.y(), centre.z(), normal.x(), normal.y(),
-                            normal.z(), radius}) {
+  for (const float value :
+       {centre.x(), centre.y(), centre.z(), normal.x(), normal.y(), normal.z(), radius}) {
     append_number(bytes, value);
   }
 }

@@ -1,10 +1,13 @@
+#include <fcntl.h>
 #include <pcl/PolygonMesh.h>
 #include <pcl/conversions.h>
 #include <pcl/point_types.h>
 #include <pcl/surface/poisson.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <limits>
 
 #include "cellmap/evaluation/nearest_points.hpp"
@@ -19,15 +22,41 @@ constexpr double kVoxelM = 0.2, kStretchM = 100, kTrimM = 0.3;
 constexpr int kDepth = 10;
 constexpr std::size_t kNeighbours = 12;
 
+/// PCL's Poisson reconstruction prints thousands of lines by printf; a library does not print. Not
+/// thread safe, since there is one standard output.
+class SilentOutput {
+ public:
+  SilentOutput() {
+    std::fflush(stdout);
+    kept_ = ::dup(STDOUT_FILENO);
+    const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (nowhere >= 0) {
+      ::dup2(nowhere, STDOUT_FILENO);
+      ::close(nowhere);
+    }
+  }
+  ~SilentOutput() {
+    std::fflush(stdout);
+    if (kept_ < 0) return;
+    ::dup2(kept_, STDOUT_FILENO);
+    ::close(kept_);
+  }
+  SilentOutput(const SilentOutput&) = delete;
+  SilentOutput& operator=(const SilentOutput&) = delete;
+
+ private:
+  int kept_ = -1;
+};
+
 /// Scans of consecutive stretches of the drive.
 std::vector<std::vector<const PlacedScan*>> stretches(const ComparedDrive& drive) {
   std::vector<std::vector<const PlacedScan*>> result(1);
   double driven_m = 0;
   for (std::size_t i = 0; i < drive.mapped.size(); ++i) {
     if (i > 0) {
-      driven_m += (drive.mapped[i].T_map_scan.translation() -
-                   drive.mapped[i - 1].T_map_scan.translation())
-                      .norm();
+      driven_m +=
+          (drive.mapped[i].T_map_scan.translation() - drive.mapped[i - 1].T_map_scan.translation())
+              .norm();
     }
     if (driven_m > kStretchM) {
       driven_m = 0;
@@ -39,15 +68,14 @@ std::vector<std::vector<const PlacedScan*>> stretches(const ComparedDrive& drive
 }
 
 /// Points with normals towards where the nearest scan was taken.
-pcl::PointCloud<pcl::PointNormal>::Ptr oriented(const PointCloud& points,
-                                                const PointCloud& path) {
+pcl::PointCloud<pcl::PointNormal>::Ptr oriented(const PointCloud& points, const PointCloud& path) {
   const PointCloud normals = estimate_normals(points, kNeighbours, 1);
   const NearestPoints sensors(path);
   pcl::PointCloud<pcl::PointNormal>::Ptr cloud(new pcl::PointCloud<pcl::PointNormal>);
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector3f p = points[i], sensor = path[sensors.nearest(p).index];
-    const Eigen::Vector3f n = normals[i].dot(sensor - p) < 0 ? Eigen::Vector3f(-normals[i])
-                                                             : normals[i];
+    const Eigen::Vector3f n =
+        normals[i].dot(sensor - p) < 0 ? Eigen::Vector3f(-normals[i]) : normals[i];
     cloud->push_back(pcl::PointNormal(p.x(), p.y(), p.z(), n.x(), n.y(), n.z()));
   }
   return cloud;
@@ -97,7 +125,10 @@ TriangleMesh reconstruct(const std::vector<const PlacedScan*>& scans) {
   poisson.setThreads(1);
   poisson.setInputCloud(oriented(points, path));
   pcl::PolygonMesh mesh;
-  poisson.reconstruct(mesh);
+  {
+    const SilentOutput silent;
+    poisson.reconstruct(mesh);
+  }
   return trimmed(mesh, points);
 }
 

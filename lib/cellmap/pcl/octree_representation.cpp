@@ -33,8 +33,7 @@ Bytes encode(const PointCloud& points, double voxel_m, double step_m) {
 }
 
 PointCloud decode(const Bytes& bytes, double voxel_m, double step_m) {
-  std::stringstream stream(
-      std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  std::stringstream stream(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
   pcl::PointCloud<pcl::PointXYZ>::Ptr cloud(new pcl::PointCloud<pcl::PointXYZ>);
   compression(voxel_m, step_m).decodePointCloud(stream, cloud);
   PointCloud points;
