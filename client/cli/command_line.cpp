@@ -7,6 +7,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
+#include "client/cli/compare.hpp"
 #include "client/cli/diff.hpp"
 #include "client/cli/exit_code.hpp"
 

@@ -48,7 +48,6 @@ void add_merge(CLI::App& app, Verbs& verbs);  // merge, split
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);
-void add_compare(CLI::App& app, Verbs& verbs);
 void add_export(CLI::App& app, Verbs& verbs);
 void add_optimize(CLI::App& app, Verbs& verbs);
 

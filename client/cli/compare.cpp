@@ -1,3 +1,5 @@
+#include "client/cli/compare.hpp"
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <filesystem>
@@ -10,7 +12,6 @@
 #include "cellmap/evaluation/comparison.hpp"
 #include "cellmap/store/documents.hpp"
 #include "client/cli/client_options.hpp"
-#include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/mapper_flags.hpp"
 
