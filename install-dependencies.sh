@@ -5,7 +5,7 @@ set -euo pipefail
 
 packages=(
   g++ cmake ninja-build ccache pkg-config python3 curl ca-certificates
-  libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev
+  libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev libxxhash-dev
   libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
   libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml

@@ -1,142 +1,48 @@
 #include "server/http_server.hpp"
 
 #include <httplib.h>
-#include <poll.h>
-#include <sys/socket.h>
+#include <sys/resource.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
-#include <condition_variable>
-#include <deque>
-#include <list>
-#include <mutex>
-#include <thread>
 
 #include "cellmap/core/error.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
-// What is wrong with the stock server, and what is done about it (measured; Debian's cpp-httplib
-// 0.11.4):
-// - it keeps a thread a connection, a pool of few, for 5 s idle: here threads grow with the
-// connections to a
-//   limit, and idle ones end sooner when threads get scarce;
-// - it bounds neither heads nor bodies: the Connection below counts what is read and when;
-// - a body that no handler read would be executed as the next request: such a connection is closed;
-// - it answers ranges and compresses by itself: ranges are the API's, and bodies are sent through
-// content
-//   providers, which it leaves alone;
-// - its listen backlog is 5: the socket listens again.
+// HTTP/1.1 by cpp-httplib: it reads heads (which the front has let pass) and bodies, and writes
+// answers. What it would do by itself is kept from it: ranges are the API's, and bodies are sent
+// through content providers, which it does not compress.
 
 namespace cellmap::server {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-/// Waits for a socket to be ready; false when time is up or `stop` is set.
-bool wait_for(socket_t socket, short events, Clock::time_point deadline,
-              const std::atomic<bool>& stop) {
-  constexpr std::chrono::milliseconds kTick(100);  // how soon a stop is noticed
-  for (;;) {
-    const auto left =
-        std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
-    if (left.count() <= 0) return false;
-    pollfd entry{socket, events, 0};
-    const int ready = ::poll(&entry, 1, static_cast<int>(std::min(left, kTick).count()) + 1);
-    if (ready > 0) return true;
-    if (ready < 0 && errno != EINTR) return false;
-    if (stop) return false;
-  }
-}
-
-/// A connection as httplib sees it: a stream with a budget and a deadline for each head and body.
-class Connection : public httplib::Stream {
+/// A connection as httplib sees it. Remembers what the answer's head said.
+class HttplibStream : public httplib::Stream {
  public:
-  Connection(socket_t socket, const HttpServerOptions& options, const std::atomic<bool>& stop)
-      : socket_(socket), options_(options), stop_(stop) {}
+  explicit HttplibStream(Connection& connection) : connection_(connection) {}
 
-  /// Waits for the first byte of the next request.
-  bool wait_for_request(std::chrono::milliseconds timeout) {
-    return begin_ < end_ || wait_for(socket_, POLLIN, Clock::now() + timeout, stop_);
-  }
-
-  void begin_head() {
-    budget_ = options_.max_head_bytes;
-    deadline_ = Clock::now() + options_.head_timeout;
-    in_head_ = true;
-    over_budget_ = false;
-    body_read_ = 0;
-    answered_ = says_close_ = false;
-  }
-
-  void begin_body() {
-    budget_ = SIZE_MAX;  // the handler counts
-    deadline_ = Clock::now() + options_.body_timeout;
-    in_head_ = false;
-  }
-
-  bool is_head_too_large() const { return over_budget_; }
-  bool is_answered() const { return answered_; }
+  void begin_body() { in_head_ = false; }
+  std::size_t body_read() const { return body_read_; }
   /// True where the answer announced the end of the connection.
   bool says_close() const { return says_close_; }
-  std::size_t body_read() const { return body_read_; }
-
-  /// Lets the peer read the answer before the connection is reset for what it still sends.
-  void drain() {
-    ::shutdown(socket_, SHUT_WR);
-    const auto deadline = Clock::now() + std::chrono::seconds(1);
-    std::array<char, 16384> waste;
-    while (wait_for(socket_, POLLIN, deadline, stop_)) {
-      if (::recv(socket_, waste.data(), waste.size(), 0) <= 0) return;
-    }
-  }
 
   bool is_readable() const override { return true; }
-
-  /// Also false where the peer has closed, so that a stream to nobody ends.
-  bool is_writable() const override {
-    char byte;
-    return ::recv(socket_, &byte, 1, MSG_PEEK | MSG_DONTWAIT) != 0;
-  }
+  /// So that a stream to nobody ends.
+  bool is_writable() const override { return !connection_.is_closed_by_peer(); }
 
   ssize_t read(char* data, size_t size) override {
-    size = std::min(size, budget_);
-    if (size == 0) {
-      over_budget_ = true;
-      return -1;
-    }
-    if (begin_ == end_ && !fill()) return -1;
-    size = std::min(size, end_ - begin_);
-    std::copy_n(buffer_.data() + begin_, size, data);
-    begin_ += size;
-    budget_ -= size;
-    if (!in_head_) body_read_ += size;
-    return static_cast<ssize_t>(size);
+    const std::size_t count = connection_.read(data, size);
+    if (!in_head_) body_read_ += count;
+    return count > 0 ? static_cast<ssize_t>(count) : -1;
   }
 
   ssize_t write(const char* data, size_t size) override {
-    if (over_budget_) return -1;  // the front answers that itself
-    note_head(data, size);
-    return send_all(data, size) ? static_cast<ssize_t>(size) : -1;
+    note_head({data, size});
+    return connection_.write({data, size}) ? static_cast<ssize_t>(size) : -1;
   }
 
-  bool send_all(const char* data, size_t size) {
-    while (size > 0) {
-      const ssize_t sent = ::send(socket_, data, size, MSG_NOSIGNAL | MSG_DONTWAIT);
-      if (sent > 0) {
-        data += sent;
-        size -= static_cast<size_t>(sent);
-      } else if (errno == EAGAIN || errno == EWOULDBLOCK) {
-        const auto deadline = Clock::now() + options_.write_timeout;
-        if (!wait_for(socket_, POLLOUT, deadline, never_)) return false;
-      } else if (errno != EINTR) {
-        return false;
-      }
-    }
-    return true;
-  }
-
+  // The API asks for no addresses.
   void get_remote_ip_and_port(std::string& ip, int& port) const override {
     ip.clear();
     port = 0;
@@ -144,157 +50,45 @@ class Connection : public httplib::Stream {
   void get_local_ip_and_port(std::string& ip, int& port) const override {
     get_remote_ip_and_port(ip, port);
   }
-  socket_t socket() const override { return socket_; }
+  socket_t socket() const override { return connection_.socket(); }
 
  private:
-  bool fill() {
-    if (!wait_for(socket_, POLLIN, deadline_, stop_)) return false;
-    const ssize_t received = ::recv(socket_, buffer_.data(), buffer_.size(), 0);
-    if (received <= 0) return false;
-    begin_ = 0;
-    end_ = static_cast<size_t>(received);
-    return true;
-  }
-
   /// httplib writes the head of an answer at once. 100 Continue is no answer.
-  void note_head(const char* data, size_t size) {
-    const std::string_view text(data, size);
+  void note_head(std::string_view text) {
     if (answered_ || !text.starts_with("HTTP/1.1 ") || text.starts_with("HTTP/1.1 100")) return;
     answered_ = true;
     const auto head = text.substr(0, text.find("\r\n\r\n") + 2);
     says_close_ = head.find("\r\nConnection: close\r\n") != std::string_view::npos;
+    // A body in chunks comes as its source makes it.
+    if (head.find("\r\nTransfer-Encoding: chunked\r\n") != std::string_view::npos) {
+      connection_.send_at_once();
+    }
   }
 
-  socket_t socket_;
-  const HttpServerOptions& options_;
-  const std::atomic<bool>& stop_;
-  const std::atomic<bool> never_ = false;
-  std::array<char, 16384> buffer_;
-  std::size_t begin_ = 0, end_ = 0;
-  std::size_t budget_ = 0;
-  Clock::time_point deadline_;
-  bool in_head_ = true;
-  bool over_budget_ = false;
+  Connection& connection_;
+  bool in_head_ = true, answered_ = false, says_close_ = false;
   std::size_t body_read_ = 0;
-  bool answered_ = false, says_close_ = false;
 };
 
-/// Threads that grow with the connections up to a limit; further connections wait for one.
-class ConnectionThreads : public httplib::TaskQueue {
- public:
-  explicit ConnectionThreads(std::size_t max_threads) : max_threads_(max_threads) {}
-
-  void enqueue(std::function<void()> serve) override {
-    const std::lock_guard lock(mutex_);
-    waiting_.push_back(std::move(serve));
-    if (idle_ < waiting_.size() && threads_.size() < max_threads_) {
-      threads_.emplace_back([this] { work(); });
-    }
-    ready_.notify_one();
-  }
-
-  void shutdown() override {
-    {
-      const std::lock_guard lock(mutex_);
-      ending_ = true;
-      ready_.notify_all();
-    }
-    for (auto& thread : threads_) thread.join();
-  }
-
- private:
-  void work() {
-    for (;;) {
-      std::function<void()> serve;
-      {
-        std::unique_lock lock(mutex_);
-        ++idle_;
-        ready_.wait(lock, [&] { return ending_ || !waiting_.empty(); });
-        --idle_;
-        if (waiting_.empty()) return;
-        serve = std::move(waiting_.front());
-        waiting_.pop_front();
-      }
-      serve();
-    }
-  }
-
-  std::size_t max_threads_;
-  std::mutex mutex_;
-  std::condition_variable ready_;
-  std::deque<std::function<void()>> waiting_;
-  std::list<std::thread> threads_;
-  std::size_t idle_ = 0;
-  bool ending_ = false;
-};
-
-std::string head_of(const Response& response, std::size_t length) {
-  std::string head = "HTTP/1.1 " + std::to_string(response.status) + " Refused\r\n";
-  for (const auto& [name, value] : response.headers.fields()) head += name + ": " + value + "\r\n";
-  return head + "Content-Length: " + std::to_string(length) + "\r\nConnection: close\r\n\r\n";
-}
-
-/// Why a request is refused from its head alone; nullopt: it is not.
-std::optional<Response> refuse_head(const httplib::Request& request, std::size_t max_fields) {
-  const auto bad = [](const std::string& detail) {
-    return problem(ErrorCode::kInvalidArgument, detail);
-  };
-  if (request.headers.size() > max_fields) {
-    return problem_with_status(
-        431, ErrorCode::kTooLarge,
-        "A request may have " + std::to_string(max_fields) + " header fields.");
-  }
-  for (const auto& [name, value] : request.headers) {
-    // httplib decodes percent-escapes here, so that a line feed can hide in a value.
-    const bool control = std::ranges::any_of(
-        value, [](unsigned char c) { return (c < 0x20 && c != '\t') || c == 0x7f; });
-    if (control) return bad("A header field holds a control character.");
-  }
-  const auto lengths = request.headers.count("Content-Length");
-  const bool chunked = request.has_header("Transfer-Encoding");
-  if (lengths > 1 || (lengths == 1 && chunked)) {
-    return bad("The length of the body is given twice.");
-  }
-  if (chunked && !equal_no_case(request.get_header_value("Transfer-Encoding"), "chunked")) {
-    return problem(ErrorCode::kUnsupported, "Only the transfer coding 'chunked' is read.");
-  }
-  if (lengths == 1 && !parse_unsigned(request.get_header_value("Content-Length"))) {
-    return bad("Content-Length is not a number.");
-  }
-  const auto coding = request.get_header_value("Content-Encoding");
-  if (!coding.empty() && !equal_no_case(coding, "identity") && !equal_no_case(coding, "zstd")) {
-    return problem(
-        ErrorCode::kUnsupported,
-        "Bodies are read with Content-Encoding zstd or none, not " + in_quotes(coding) + ".");
-  }
-  if (request.is_multipart_form_data()) {
-    return problem(ErrorCode::kUnsupported, "Forms are not read.");
-  }
-  return std::nullopt;
+/// As many as the machine lets this process have, and some for files.
+void allow_descriptors(std::size_t connections) {
+  rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, connections + 1024);
+  ::setrlimit(RLIMIT_NOFILE, &limit);
 }
 
 }  // namespace
 
 struct HttpServer::Impl : httplib::Server {
-  Impl(Api& api_in, std::shared_ptr<spdlog::logger> log_in, HttpServerOptions options_in)
-      : api(api_in), log(std::move(log_in)), options(std::move(options_in)) {
-    new_task_queue = [this] { return new ConnectionThreads(options.max_connections); };
-    set_tcp_nodelay(true);
-    // Only what the Keep-Alive field says: the loop below keeps connections.
-    set_keep_alive_timeout(
-        std::chrono::duration_cast<std::chrono::seconds>(options.idle_timeout).count());
+  Impl(Api& api_in, std::shared_ptr<spdlog::logger> log_in) : api(api_in), log(std::move(log_in)) {
+    svr_sock_ = 0;  // httplib ends every body where it has no socket of its own
+    // Only what the Keep-Alive field says: the front keeps connections.
     set_keep_alive_max_count(1'000'000);
     set_handlers();
   }
 
   void set_handlers() {
-    set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
-      if (auto refused = refuse_head(request, options.max_header_fields)) {
-        answer(request, response, *std::move(refused), false);
-        return HandlerResponse::Handled;
-      }
-      return HandlerResponse::Unhandled;
-    });
     // What httplib refuses by itself (a malformed head, an unknown method) gets a problem document.
     set_error_handler(
         HandlerWithResponse([this](const httplib::Request& request, httplib::Response& response) {
@@ -391,7 +185,7 @@ struct HttpServer::Impl : httplib::Server {
       out.set_chunked_content_provider(
           type, [this, next = std::move(*stream)](std::size_t, httplib::DataSink& sink) {
             std::string chunk;
-            const bool more = next(chunk) && !stopping;
+            const bool more = next(chunk) && !front->is_stopping();
             if (!chunk.empty()) sink.write(chunk.data(), chunk.size());
             if (!more) sink.done();
             return true;
@@ -413,105 +207,59 @@ struct HttpServer::Impl : httplib::Server {
         });
   }
 
-  bool process_and_close_socket(socket_t socket) override {
-    ++connections;
-    try {
-      serve(socket);
-    } catch (const std::exception& error) {
-      log->error("a connection failed: {}", error.what());
-    }
-    ::shutdown(socket, SHUT_RDWR);
-    ::close(socket);
-    --connections;
-    return true;
-  }
-
-  std::chrono::milliseconds idle_timeout() const {
-    const bool busy = connections > options.max_connections / 2;
-    return busy ? options.busy_idle_timeout : options.idle_timeout;
-  }
-
-  /// Idle in short steps, because how long a client may idle depends on how many there are.
-  bool wait_for_request(Connection& connection) const {
-    const auto start = Clock::now();
-    while (!stopping && Clock::now() - start < idle_timeout()) {
-      if (connection.wait_for_request(std::chrono::milliseconds(200))) return true;
-    }
-    return false;
-  }
-
-  void serve(socket_t socket) {
-    Connection connection(socket, options, stopping);
-    while (wait_for_request(connection)) {
-      if (!serve_one(connection)) return;
-    }
-  }
-
-  /// Answers one request; false where the connection has to be closed.
-  bool serve_one(Connection& connection) {
-    std::size_t declared = 0;
-    bool head_read = false, chunked = false, reads_body = false;
-    connection.begin_head();
+  bool serve(Connection& connection, const RequestHead& head) {
+    // Copied: the head's bytes are read over.
+    const std::uint64_t declared = head.content_length;
+    const bool chunked = head.chunked;
+    const bool reads_body = head.method != "GET" && head.method != "HEAD";
+    HttplibStream stream(connection);
     bool close = false;
-    const bool served = process_request(connection, false, close, [&](httplib::Request& request) {
-      head_read = true;
+    const bool served = process_request(stream, false, close, [&](httplib::Request& request) {
       request.ranges.clear();  // the API's business
-      declared = parse_unsigned(request.get_header_value("Content-Length")).value_or(0);
-      chunked = request.has_header("Transfer-Encoding");
-      reads_body = request.method != "GET" && request.method != "HEAD";
-      connection.begin_body();
+      stream.begin_body();
     });
-    if (connection.is_head_too_large()) {
-      auto refused = problem_with_status(431, ErrorCode::kTooLarge, "The head is too large.");
-      const auto body = body_view(refused);
-      const std::string text = head_of(refused, body.size()) + std::string(body);
-      connection.send_all(text.data(), text.size());
-      connection.drain();
-      return false;
-    }
-    const bool unread = connection.body_read() < declared || (chunked && !reads_body) ||
-                        (chunked && connection.says_close());
-    if (unread && connection.is_answered()) connection.drain();
-    return served && head_read && !close && !unread && !connection.says_close() && !stopping;
+    // What nobody read of a body must not be taken for the next request.
+    const bool unread =
+        stream.body_read() < declared || (chunked && (!reads_body || stream.says_close()));
+    return served && !close && !unread && !stream.says_close();
   }
 
   Api& api;
   std::shared_ptr<spdlog::logger> log;
-  HttpServerOptions options;
   std::string instance = std::to_string(Clock::now().time_since_epoch().count() % 1'000'000'007);
   std::atomic<std::uint64_t> request_count = 0;
-  std::atomic<std::size_t> connections = 0;
-  std::atomic<bool> stopping = false;
-  int bound_port = -1;
-
-  void listen_with_long_queue() { ::listen(svr_sock_, SOMAXCONN); }
+  std::vector<std::string> urls;
+  int port = 0;
+  std::unique_ptr<Front> front;
 };
 
 HttpServer::HttpServer(Api& api, std::shared_ptr<spdlog::logger> log, HttpServerOptions options)
-    : impl_(std::make_unique<Impl>(api, std::move(log), std::move(options))) {
-  const auto& host = impl_->options.host;
-  const int port = impl_->options.port;
-  if (port == 0) {
-    impl_->bound_port = impl_->bind_to_any_port(host);
-  } else if (impl_->bind_to_port(host, port)) {
-    impl_->bound_port = port;
+    : impl_(std::make_unique<Impl>(api, std::move(log))) {
+  allow_descriptors(options.front.max_connections);
+  std::vector<Listener> listeners;
+  for (const std::string& address : options.listen) listeners.emplace_back(address);
+  if (listeners.empty()) {
+    throw Error(ErrorCode::kInvalidArgument, "Expected at least one address to listen on.");
   }
-  if (impl_->bound_port <= 0) {
-    throw Error(ErrorCode::kIo, "Cannot listen on " + host + ":" + std::to_string(port) +
-                                    "; is the address this machine's and free?");
-  }
-  impl_->listen_with_long_queue();
+  for (const Listener& listener : listeners) impl_->urls.push_back(listener.url());
+  impl_->port = listeners.front().port();
+  impl_->front = std::make_unique<Front>(
+      std::move(listeners), std::move(options.front),
+      FrontHandlers{
+          [this](const RequestHead& head) { return impl_->api.may_wait(head.method, head.target); },
+          [this](Connection& connection, const RequestHead& head) {
+            return impl_->serve(connection, head);
+          }});
 }
 
 HttpServer::~HttpServer() = default;
 
-int HttpServer::port() const { return impl_->bound_port; }
+int HttpServer::port() const { return impl_->port; }
 
-void HttpServer::run() { impl_->listen_after_bind(); }
+const std::vector<std::string>& HttpServer::urls() const { return impl_->urls; }
 
-void HttpServer::stop() {
-  impl_->stopping = true;
-  impl_->httplib::Server::stop();
-}
+void HttpServer::run() { impl_->front->run(); }
+
+void HttpServer::stop() { impl_->front->stop(); }
 
 }  // namespace cellmap::server

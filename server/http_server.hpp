@@ -2,39 +2,30 @@
 
 #include <spdlog/logger.h>
 
-#include <chrono>
-#include <cstddef>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "server/api/api.hpp"
+#include "server/http/front.hpp"
 
 namespace cellmap::server {
 
 struct HttpServerOptions {
-  std::string host = "127.0.0.1";
-  int port = 0;                            ///< 0: any free one
-  std::size_t max_connections = 512;       ///< served at a time, a thread each; more wait
-  std::size_t max_head_bytes = 64u << 10;  ///< request line and header fields
-  std::size_t max_header_fields = 100;
-  std::chrono::seconds head_timeout{10};           ///< for a whole head once it has begun
-  std::chrono::seconds body_timeout{60};           ///< for a whole body
-  std::chrono::seconds write_timeout{10};          ///< without progress
-  std::chrono::milliseconds idle_timeout{30'000};  ///< of a kept connection
-  /// Instead, while more than half of the connections are taken: idle clients make room soon.
-  std::chrono::milliseconds busy_idle_timeout{1'000};
+  std::vector<std::string> listen{"127.0.0.1:0"};  ///< as `Listener` has them
+  FrontOptions front;
 };
 
-/// The socket front: reads requests within bounds, hands them to the API, writes what it answers.
-/// HTTP/1.1 by cpp-httplib, which is seen in the .cpp only.
+/// The API behind sockets: the front (server/http) takes connections and heads, cpp-httplib, which
+/// is seen in the .cpp only, reads bodies and writes answers.
 class HttpServer {
  public:
-  /// Binds and listens. Throws Error{kInvalidArgument} for an address that is none, Error{kIo}
-  /// where it is taken. The API must outlive the server.
+  /// Binds and listens. Throws what `Listener` throws. The API must outlive the server.
   HttpServer(Api& api, std::shared_ptr<spdlog::logger> log, HttpServerOptions options);
   ~HttpServer();
 
-  int port() const;
+  int port() const;  ///< of the first address; 0 for a unix socket
+  const std::vector<std::string>& urls() const;
   /// Serves until `stop`. Call once.
   void run();
   /// Ends `run` after the requests that are being answered. Any thread.

@@ -10,7 +10,6 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/sqlite_store.hpp"
 #include "server/api/api.hpp"
-#include "server/api/text.hpp"
 #include "server/http_server.hpp"
 #include "server/openapi_text.hpp"
 
@@ -24,7 +23,7 @@ using cellmap::ErrorCode;
 
 struct Flags {
   std::string store;
-  std::string listen = "127.0.0.1:8080";
+  std::vector<std::string> listen{"127.0.0.1:8080"};
   std::vector<std::string> data_roots;
   int threads = 0;
   std::string log_level = "info";
@@ -34,7 +33,8 @@ struct Flags {
 void add_flags(CLI::App& app, Flags& flags) {
   app.set_version_flag("--version", "cellmapd " CELLMAP_VERSION);
   app.add_option("--store", flags.store, "The store's file; made where it is missing")->required();
-  app.add_option("--listen", flags.listen, "HOST:PORT; port 0: any free one")
+  app.add_option("--listen", flags.listen,
+                 "HOST:PORT (port 0: any free one) or unix:PATH (repeatable)")
       ->capture_default_str();
   app.add_option("--data-root", flags.data_roots,
                  "A folder that ingest jobs may read data sets from (repeatable)");
@@ -51,32 +51,17 @@ void add_flags(CLI::App& app, Flags& flags) {
       "SIGTERM and SIGINT stop it; running jobs go on at the next start.");
 }
 
-bool is_loopback(const std::string& host) {
-  return host == "localhost" || host == "::1" || host.starts_with("127.");
-}
-
-cellmap::server::HttpServerOptions read_address(const Flags& flags) {
+cellmap::server::HttpServerOptions read_addresses(const Flags& flags) {
+  for (const std::string& address : flags.listen) {
+    if (!cellmap::server::is_local(address) && !flags.insecure) {
+      throw Error(ErrorCode::kInvalidArgument,
+                  address +
+                      " is no loopback address, and this server asks nobody who they are: "
+                      "listen on 127.0.0.1 behind a proxy, or say --insecure.");
+    }
+  }
   cellmap::server::HttpServerOptions options;
-  const auto colon = flags.listen.rfind(':');
-  const auto port = colon == std::string::npos
-                        ? std::nullopt
-                        : cellmap::server::parse_unsigned(flags.listen.substr(colon + 1));
-  if (!port || *port > 65535 || colon == 0) {
-    throw Error(
-        ErrorCode::kInvalidArgument,
-        "Expected --listen HOST:PORT, for example 127.0.0.1:8080, found " + flags.listen + ".");
-  }
-  options.host = flags.listen.substr(0, colon);
-  if (options.host.starts_with('[') && options.host.ends_with(']')) {
-    options.host = options.host.substr(1, options.host.size() - 2);
-  }
-  options.port = static_cast<int>(*port);
-  if (!is_loopback(options.host) && !flags.insecure) {
-    throw Error(ErrorCode::kInvalidArgument,
-                options.host +
-                    " is not a loopback address, and this server asks nobody who they are: "
-                    "listen on 127.0.0.1 behind a proxy, or say --insecure.");
-  }
+  options.listen = flags.listen;
   return options;
 }
 
@@ -115,7 +100,7 @@ void serve(const Flags& flags) {
   const auto log = std::make_shared<spdlog::logger>(
       "cellmapd", std::make_shared<spdlog::sinks::stderr_color_sink_mt>());
   log->set_level(spdlog::level::from_str(flags.log_level));
-  const auto address = read_address(flags);
+  const auto addresses = read_addresses(flags);
 
   cellmap::server::ApiOptions options;
   options.openapi = cellmap::server::openapi_text();
@@ -123,11 +108,10 @@ void serve(const Flags& flags) {
   options.jobs.data_roots = canonical_roots(flags);
   const auto store = cellmap::open_sqlite_store(flags.store);
   cellmap::server::Api api(*store, std::move(options), log);
-  cellmap::server::HttpServer server(api, log, address);
-  std::cout << "cellmapd listens on http://"
-            << (address.host.find(':') == std::string::npos ? address.host
-                                                            : "[" + address.host + "]")
-            << ":" << server.port() << std::endl;
+  cellmap::server::HttpServer server(api, log, addresses);
+  for (const std::string& url : server.urls()) {
+    std::cout << "cellmapd listens on " << url << std::endl;
+  }
   std::thread stopper = stop_on_signal(signals, api, server, *log);
   server.run();
   stopper.join();

@@ -43,6 +43,8 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);
   add_compare(app, verbs);
+  add_archive(app, verbs);
+  add_verify(app, verbs);
   add_export(app, verbs);
   add_optimize(app, verbs);
 }

@@ -48,6 +48,8 @@ void add_merge(CLI::App& app, Verbs& verbs);  // merge, split
 void add_jobs(CLI::App& app, Verbs& verbs);
 void add_relocalise(CLI::App& app, Verbs& verbs);
 void add_evaluate(CLI::App& app, Verbs& verbs);
+void add_archive(CLI::App& app, Verbs& verbs);  // archive, restore
+void add_verify(CLI::App& app, Verbs& verbs);   // verify, repair
 void add_export(CLI::App& app, Verbs& verbs);
 void add_optimize(CLI::App& app, Verbs& verbs);
 

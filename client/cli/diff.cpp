@@ -105,7 +105,7 @@ std::string text_of(const MapDiff& diff) {
 
 void run(const Options& options, const Console& console) {
   const DiffRequest request = request_of(options);
-  const bool offline = !options.place.store.empty() || !options.place.mirror.empty();
+  const bool offline = options.place.is_offline();
   const Interrupt interrupt;
   const auto reader = open_reader(options.place);
   MapDiff diff;

@@ -15,9 +15,22 @@ struct Options {
   std::uint32_t cell = 0;
 };
 
+/// Without a server there is no cache, and nothing to save.
+FetchedCell fetch_offline(const Options& options) {
+  const auto reader = open_reader(options.place);
+  for (const CellRecord& record : reader->all_cells(options.map)) {
+    if (record.id.value != options.cell) continue;
+    const Revision revision = reader->pose_graph(options.map).revision;
+    return {record.id, reader->cell(options.map, record), record.T_map_cell, revision, false};
+  }
+  throw Error(ErrorCode::kNotFound,
+              "map '" + options.map + "' has no CELL " + std::to_string(options.cell));
+}
+
 void fetch(const Options& options, const Console& console) {
-  Client client = connect(options.place);
-  const FetchedCell fetched = client.cell(options.map, CellId{options.cell});
+  const FetchedCell fetched = options.place.is_offline()
+                                  ? fetch_offline(options)
+                                  : connect(options.place).cell(options.map, CellId{options.cell});
   const Cell cell = decode_cell(fetched.encoded.bytes);
   if (!options.out.empty()) client::write_file_atomically(options.out, fetched.encoded.bytes);
   client::Json json = {{"id", fetched.id.value},
@@ -46,12 +59,13 @@ void add_fetch(CLI::App& app, Verbs& verbs) {
   const auto fetched = std::make_shared<Options>();
   CLI::App* one = verbs.add(app, "fetch", "Fetch and verify one CELL",
                             "  cellmap fetch town 12 --server http://127.0.0.1:8080 --out 12.cell\n"
-                            "  cellmap fetch town 12 --server URL --cache ~/.cache/cellmap\n",
+                            "  cellmap fetch town 12 --server URL --cache ~/.cache/cellmap\n"
+                            "  cellmap fetch town 12 --archive https://HOST/town.cellmap\n",
                             [fetched](const Console& console) { fetch(*fetched, console); });
   one->add_option("MAP", fetched->map, "Name of the map")->required();
   one->add_option("CELL", fetched->cell, "Number of the CELL")->required();
   one->add_option("--out", fetched->out, "File for its bytes (FlatBuffers)");
-  add_place_options(*one, fetched->place, false);
+  add_place_options(*one, fetched->place, true, true);
 }
 
 }  // namespace cellmap::cli

@@ -7,6 +7,7 @@
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
 
@@ -73,16 +74,7 @@ class StoreReader : public MapReader {
       throw Error(ErrorCode::kNotFound,
                   "map '" + map + "' has no scans of a session '" + session + "'");
     }
-    if (stage == TrajectoryStage::kCorrected) {
-      return to_text(corrected_trajectory(stretches, store_->pose_graph(map).nodes), format);
-    }
-    std::vector<StampedPose> poses;
-    for (const CellScans& stretch : stretches) {
-      for (const ScanInCell& scan : stretch.scans) {
-        poses.push_back({scan.stamp, stretch.T_odom_cell * scan.T_cell_scan});
-      }
-    }
-    return to_text(Trajectory(std::move(poses)), format);
+    return text_of(stretches, store_->pose_graph(map), format, stage);
   }
 
  private:
@@ -90,6 +82,20 @@ class StoreReader : public MapReader {
 };
 
 }  // namespace
+
+std::string text_of(std::span<const CellScans> stretches, const PoseGraph& graph,
+                    TrajectoryFormat format, TrajectoryStage stage) {
+  if (stage == TrajectoryStage::kCorrected) {
+    return to_text(corrected_trajectory(stretches, graph.nodes), format);
+  }
+  std::vector<StampedPose> poses;
+  for (const CellScans& stretch : stretches) {
+    for (const ScanInCell& scan : stretch.scans) {
+      poses.push_back({scan.stamp, stretch.T_odom_cell * scan.T_cell_scan});
+    }
+  }
+  return to_text(Trajectory(std::move(poses)), format);
+}
 
 ConstraintReport MapReader::loop(const std::string& map, ConstraintId id) {
   return explain(pose_graph(map), id);
@@ -105,6 +111,9 @@ void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_
   if (with_mirror) {
     verb.add_option("--mirror", place.mirror,
                     "Folder that 'cellmap pull' keeps, instead of --server: works offline");
+    verb.add_option("--archive", place.archive,
+                    "File of 'cellmap archive', or its http:// address on any web server, instead "
+                    "of --server");
   }
   verb.add_option("--cache", place.cache, "Folder that keeps fetched CELLs (default: none)")
       ->envname("CELLMAP_CACHE");
@@ -149,11 +158,13 @@ std::vector<CellRecord> MapReader::all_cells(const std::string& map) {
 }
 
 std::unique_ptr<MapReader> open_reader(const Place& place) {
+  if (!place.archive.empty()) return open_archive_reader(place);
   if (!place.mirror.empty()) return open_mirror(place.mirror);
   if (!place.store.empty()) return std::make_unique<StoreReader>(place.store);
   if (place.server.empty()) {
     throw Error(ErrorCode::kInvalidArgument,
-                "say where the map is: --server http://HOST:PORT, --store FILE or --mirror DIR");
+                "say where the map is: --server http://HOST:PORT, --store FILE, --mirror DIR "
+                "or --archive FILE");
   }
   return std::make_unique<ServerReader>(place);
 }

@@ -16,17 +16,21 @@ class App;
 namespace cellmap::cli {
 
 /// Where the maps are: behind a server, in a store file of this machine, or one of them in a
-/// mirror.
+/// mirror or an archive.
 struct Place {
   std::string server;      ///< --server URL, or the environment's CELLMAP_SERVER
   std::string store;       ///< --store FILE
   std::string mirror;      ///< --mirror DIR, as `cellmap pull` keeps it
+  std::string archive;     ///< --archive FILE or URL, as `cellmap archive` writes it
   std::string cache;       ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
   double timeout_s = 120;  ///< --timeout
+
+  /// True where no server works on it.
+  bool is_offline() const { return !store.empty() || !mirror.empty() || !archive.empty(); }
 };
 
-/// Declares --server, --cache and --timeout, --store where `with_store`, and --mirror where
-/// `with_mirror` (verbs that only read).
+/// Declares --server, --cache and --timeout, --store where `with_store`, and --mirror and
+/// --archive where `with_mirror` (verbs that only read).
 void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror = false);
 
 /// A client for the place. Throws Error{kInvalidArgument} where no server was named.
@@ -57,8 +61,12 @@ class MapReader {
   std::vector<CellRecord> all_cells(const std::string& map);
 };
 
-/// The mirror where one was named, else the store, else the server. Throws Error{kInvalidArgument}
-/// where nothing was named.
+/// The poses of a drive's scans as text. Throws as `corrected_trajectory`.
+std::string text_of(std::span<const CellScans> stretches, const PoseGraph& graph,
+                    TrajectoryFormat format, TrajectoryStage stage);
+
+/// The archive where one was named, else the mirror, the store, or the server. Throws
+/// Error{kInvalidArgument} where nothing was named.
 std::unique_ptr<MapReader> open_reader(const Place& place);
 
 }  // namespace cellmap::cli

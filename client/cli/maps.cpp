@@ -3,6 +3,8 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "client/cli/archive_difference.hpp"
+#include "client/cli/archive_reader.hpp"
 #include "client/cli/arguments.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/map_reader.hpp"
@@ -18,6 +20,7 @@ struct Options {
   std::size_t limit = 1000;
   std::uint64_t since = 0;
   bool all = false, clear = false;
+  std::vector<std::string> diff;
   std::string origin;
   double heading_deg = 90;
   std::string lattice = to_string(LatticeKind::kFibonacci);
@@ -55,6 +58,37 @@ void delete_map(const Options& options, const Console& console) {
 void show_map(const Options& options, const Console& console) {
   const MapInfo map = open_reader(options.place)->map(options.map);
   console.print(client::to_json(map), map_text(map));
+}
+
+/// What changed from one archive to another, by the hashes of their CELLs.
+void show_difference(const std::vector<std::string>& files, const Console& console) {
+  Place place;
+  ArchiveReader a(open_bytes(files[0], place)), b(open_bytes(files[1], place));
+  const ArchiveDifference found = difference(a, b);
+  const auto count = [](const auto& list) { return with_commas(list.size()); };
+  console.print(
+      to_json(found),
+      format("%s -> %s\n  CELLs        %s alike, %s added, %s removed, %s changed\n"
+             "  poses        %s moved, by up to %.3f m and %.3f deg\n"
+             "  constraints  %zu -> %zu\n  revision     %llu -> %llu\n",
+             files[0].c_str(), files[1].c_str(), with_commas(found.alike).c_str(),
+             count(found.added).c_str(), count(found.removed).c_str(), count(found.changed).c_str(),
+             with_commas(found.moved).c_str(), found.farthest_m,
+             found.largest_turn_rad * 180 / std::numbers::pi, found.constraints[0],
+             found.constraints[1], static_cast<unsigned long long>(found.revisions[0]),
+             static_cast<unsigned long long>(found.revisions[1])));
+}
+
+void show_info(const Options& options, const Console& console) {
+  if (!options.diff.empty()) return show_difference(options.diff, console);
+  Options of_map = options;
+  if (of_map.map.empty() && !of_map.place.archive.empty()) {
+    of_map.map = open_reader(of_map.place)->maps().front().name;
+  }
+  if (of_map.map.empty()) {
+    throw Error(ErrorCode::kInvalidArgument, "name a MAP, or an archive with --archive");
+  }
+  show_map(of_map, console);
 }
 
 Georeference georeference_of(const Options& options) {
@@ -184,9 +218,13 @@ void add_maps(CLI::App& app, Verbs& verbs) {
   const auto shown = std::make_shared<Options>();
   CLI::App* info = verbs.add(app, "info", "A map's summary: counts, bytes, bounds",
                              "  cellmap info town --server http://127.0.0.1:8080\n"
-                             "  cellmap info town --store map.db --json\n",
-                             [shown](const Console& console) { show_map(*shown, console); });
-  info->add_option("MAP", shown->map, "Its name")->required();
+                             "  cellmap info town --store map.db --json\n"
+                             "  cellmap info --archive town.cellmap\n"
+                             "  cellmap info --diff monday.cellmap tuesday.cellmap\n",
+                             [shown](const Console& console) { show_info(*shown, console); });
+  info->add_option("MAP", shown->map, "Its name; may be left out for an archive");
+  info->add_option("--diff", shown->diff, "Two archives: what changed from the one to the other")
+      ->expected(2);
   add_place_options(*info, shown->place, true, true);
 
   const auto listed = std::make_shared<Options>();

@@ -1,10 +1,9 @@
 #include "client/cli/mirror_reader.hpp"
 
-#include <algorithm>
-#include <charconv>
 #include <set>
 
 #include "cellmap/client/mirror.hpp"
+#include "client/cli/record_query.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -42,20 +41,9 @@ class MirrorReader : public MapReader {
 
   CellPage cells(const std::string& map, const CellQuery& query) override {
     require(map);
-    std::vector<CellRecord> found = matching(query);
-    std::size_t begin = 0;
-    const char* const end = query.cursor.data() + query.cursor.size();
-    if (!query.cursor.empty() && std::from_chars(query.cursor.data(), end, begin).ptr != end) {
-      throw Error(ErrorCode::kInvalidArgument, "the cursor is not one of this mirror's");
-    }
-    CellPage page;
-    page.revision = mirror_.revision;
-    begin = std::min(begin, found.size());
-    const std::size_t count = std::min(query.limit, found.size() - begin);
-    page.cells.assign(found.begin() + static_cast<std::ptrdiff_t>(begin),
-                      found.begin() + static_cast<std::ptrdiff_t>(begin + count));
-    if (begin + count < found.size()) page.next_cursor = std::to_string(begin + count);
-    return page;
+    std::vector<CellRecord> records;
+    for (const auto& [id, cell] : mirror_.cells) records.push_back(cell);
+    return page_of(std::move(records), mirror_.revision, query);
   }
 
   EncodedCell cell(const std::string& map, const CellRecord& record) override {
@@ -95,26 +83,6 @@ class MirrorReader : public MapReader {
     if (name == mirror_.map) return;
     throw Error(ErrorCode::kNotFound, "the mirror '" + folder_.string() + "' holds map '" +
                                           mirror_.map + "', not '" + name + "'");
-  }
-
-  /// In the order of `CellQuery`.
-  std::vector<CellRecord> matching(const CellQuery& query) const {
-    std::vector<CellRecord> found;
-    for (const auto& [id, cell] : mirror_.cells) {
-      const Eigen::Vector3d position = cell.T_map_cell.translation();
-      const bool matches = (!query.near || (position - *query.near).norm() <= query.radius_m) &&
-                           (!query.box || query.box->contains(position)) &&
-                           (!query.session || cell.session == *query.session) &&
-                           std::max(cell.added, cell.moved) > query.since;
-      if (matches) found.push_back(cell);
-    }
-    if (query.near) {
-      std::stable_sort(found.begin(), found.end(), [&](const CellRecord& a, const CellRecord& b) {
-        return (a.T_map_cell.translation() - *query.near).squaredNorm() <
-               (b.T_map_cell.translation() - *query.near).squaredNorm();
-      });
-    }
-    return found;
   }
 
   std::filesystem::path folder_;

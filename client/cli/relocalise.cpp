@@ -95,7 +95,7 @@ RelocalisationQuery query_of(const Options& options) {
 }
 
 Relocalisation ask(const Options& options, const std::optional<PosePrior>& prior) {
-  if (!options.place.store.empty() || !options.place.mirror.empty()) {
+  if (options.place.is_offline()) {
     RelocalisationQuery query = query_of(options);
     query.prior = prior;
     return relocalise_offline(*open_reader(options.place), options.map, query, options.threads);

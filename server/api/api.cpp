@@ -74,10 +74,23 @@ void Api::stop() {
   services_->jobs.stop();
 }
 
-std::size_t Api::max_body(const std::string& method, const std::string& target) const {
-  const auto path = std::string_view(target).substr(0, target.find_first_of("?#"));
-  const auto match = router_.find(method, path);
-  return match.route ? match.route->max_body : 0;
+namespace {
+
+const Route* route_of(const Router& router, std::string_view method, std::string_view target) {
+  return router.find(method, target.substr(0, target.find_first_of("?#"))).route;
+}
+
+}  // namespace
+
+std::size_t Api::max_body(std::string_view method, std::string_view target) const {
+  const Route* route = route_of(router_, method, target);
+  return route ? route->max_body : 0;
+}
+
+bool Api::may_wait(std::string_view method, std::string_view target) const {
+  if (method != "GET" && method != "HEAD") return true;  // for the map's writer, or for a turn
+  const Route* route = route_of(router_, method, target);
+  return route && route->waits;
 }
 
 Response Api::answer(const Request& request, std::string& route_name) {

@@ -53,7 +53,10 @@ class Api {
   Response handle(const Request& request);
 
   /// How many bytes of body a request may bring: known from its first line, before it is read.
-  std::size_t max_body(const std::string& method, const std::string& target) const;
+  std::size_t max_body(std::string_view method, std::string_view target) const;
+
+  /// Whether a request may wait for a job, a follower's next event, its turn or its reader.
+  bool may_wait(std::string_view method, std::string_view target) const;
 
   /// Ends jobs (they go on at the next start) and event streams. Requests are still answered.
   void stop();

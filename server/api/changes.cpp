@@ -179,12 +179,20 @@ Response events(Services& services, const Call& call) {
 
 void add_change_routes(Router& router, Services& services) {
   const std::string map = "/v1/maps/{map}";
-  router.add({"GET", map + "/changes", {"since", "wait_s"}, 0, {}, [&](const Call& call) {
-                return changes(services, call);
-              }});
-  router.add({"GET", map + "/events", {}, 0, {"text/event-stream"}, [&](const Call& call) {
-                return events(services, call);
-              }});
+  router.add({"GET",
+              map + "/changes",
+              {"since", "wait_s"},
+              0,
+              {},
+              [&](const Call& call) { return changes(services, call); },
+              true});
+  router.add({"GET",
+              map + "/events",
+              {},
+              0,
+              {"text/event-stream"},
+              [&](const Call& call) { return events(services, call); },
+              true});
 }
 
 }  // namespace cellmap::server

@@ -143,7 +143,8 @@ void add_diff_route(Router& router, Services& services) {
               {"sessions", "near", "radius", "patches"},
               0,
               {"application/json"},
-              [&](const Call& call) { return get(services, call); }});
+              [&](const Call& call) { return get(services, call); },
+              true});
 }
 
 }  // namespace cellmap::server

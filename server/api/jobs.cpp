@@ -129,9 +129,13 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"DELETE", one, {}, 0, json, [&](const Call& call) {
                 return json_response(to_json(services.jobs.cancel(job_id(call))), 202);
               }});
-  router.add({"GET", one + "/events", {}, 0, {"text/event-stream"}, [&](const Call& call) {
-                return events(services, call);
-              }});
+  router.add({"GET",
+              one + "/events",
+              {},
+              0,
+              {"text/event-stream"},
+              [&](const Call& call) { return events(services, call); },
+              true});
   router.add({"PUT", one + "/scans/{index}", {}, kMaxScanBody, {}, [&](const Call& call) {
                 return put_scan(services, call);
               }});

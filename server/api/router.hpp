@@ -61,6 +61,7 @@ struct Route {
   std::vector<std::string>
       types;  ///< media types of its answer; empty: no negotiation (or its own)
   Handler handler;
+  bool waits = false;  ///< a GET that takes long or waits for something to happen
 };
 
 /// Routes of the API in order; the first that fits wins.

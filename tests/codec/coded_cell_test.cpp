@@ -243,7 +243,71 @@ TEST(PlaneDisplacement, IsInfiniteWhereTheDecodedPlaneLeavesThePatch) {
   EXPECT_TRUE(std::isinf(plane_displacement_m(source, {10, -0.001f, 0.9999995f, 0}, u, 0.01)));
 }
 
-/// Overwrites bytes of the file, then mends its hash, which is no defence.
+/// Every fourth point of a sphere; the lattice of one sphere numbers them so.
+bool is_coarse(const Cell& cell, std::uint32_t index) {
+  return cell.lattice.kind != LatticeKind::kFibonacci || index % 4 == 0;
+}
+
+TEST(CodedCell, ACoarseReadHasEveryFourthPatchOfTheWholeCell) {
+  for (const Cell& cell : hard_cells()) {
+    SCOPED_TRACE(to_string(cell.lattice) + " " + cell.session);
+    for (const EncodedCell& encoded : {encode_packed_cell(cell), encode_compact_cell(cell, 0.02)}) {
+      const std::size_t needed = coarse_cell_bytes(encoded.bytes);
+      const std::span prefix(encoded.bytes.data(), needed);
+      const DecodedCell coarse = decode_coarse_cell(prefix, encoded.bytes.size());
+      const Cell all = decode_coded_cell(encoded.bytes).cell;
+      validate(coarse.cell);
+      EXPECT_TRUE(coarse.is_coarse);
+      EXPECT_EQ(coarse.all_planes, cell.planes.size());
+      EXPECT_EQ(coarse.raw_hash, encode_cell(cell).hash);
+      std::size_t at = 0, expected = 0;
+      for (std::size_t k = 0; k < all.indices.size(); ++k) {
+        const bool is_there =
+            at < coarse.cell.indices.size() && coarse.cell.indices[at] == all.indices[k];
+        expected += is_coarse(cell, all.indices[k]);
+        if (cell.lattice.kind == LatticeKind::kFibonacci) {
+          EXPECT_EQ(is_there, all.indices[k] % 4 == 0);
+        }
+        if (!is_there) continue;
+        EXPECT_EQ(coarse.cell.planes[at++], all.planes[k]);
+      }
+      EXPECT_EQ(at, coarse.cell.indices.size());
+      if (expected >= 400) {
+        EXPECT_NEAR(double(at) / double(all.indices.size()), 0.25, 0.1);
+      }
+    }
+  }
+}
+
+TEST(CodedCell, ACoarseReadTakesAQuarterOfTheBytesAndNotLess) {
+  const EncodedCell encoded = encode_compact_cell(room_cell({}, 0.003, 6), 0.02);
+  const std::size_t needed = coarse_cell_bytes(encoded.bytes);
+  EXPECT_LT(needed, encoded.bytes.size() * 2 / 5);
+  const std::span prefix(encoded.bytes.data(), needed - 1);
+  const auto thrown = thrown_by([&] { decode_coarse_cell(prefix, encoded.bytes.size()); });
+  ASSERT_TRUE(thrown);
+  EXPECT_EQ(thrown->code, ErrorCode::kCorruptData);
+}
+
+TEST(CodedCell, EveryTruncationAndEveryFlippedBitIsNoticed) {
+  const Cell cell = room_cell({LatticeKind::kFibonacci, 1000}, 0.003, 11);
+  for (const EncodedCell& good : {encode_compact_cell(cell, 0.01), encode_packed_cell(cell)}) {
+    const std::size_t coarse = coarse_cell_bytes(good.bytes);
+    for (std::size_t size = 0; size < good.bytes.size(); ++size) {
+      const std::span part(good.bytes.data(), size);
+      EXPECT_TRUE(thrown_by([&] { decode_coded_cell(part); })) << size;
+      EXPECT_EQ(thrown_by([&] { decode_coarse_cell(part, good.bytes.size()); }).has_value(),
+                size < coarse);
+    }
+    for (std::size_t bit = 0; bit < 8 * good.bytes.size(); ++bit) {
+      Bytes bytes = good.bytes;
+      bytes[bit / 8] ^= std::byte{1} << bit % 8;
+      EXPECT_TRUE(thrown_by([&] { decode_coded_cell(bytes); })) << bit;
+    }
+  }
+}
+
+/// Overwrites bytes of the file, then mends its hashes, which are no defence.
 TEST(CodedCell, HostileBytesAreRefusedOrValid) {
   const Cell cell = room_cell({LatticeKind::kFibonacci, 1000}, 0.003, 11);
   int accepted = 0, refused = 0;
@@ -257,7 +321,7 @@ TEST(CodedCell, HostileBytesAreRefusedOrValid) {
         bytes[rng() % range] = static_cast<std::byte>(rng() % 3 ? rng() : 0xff * (rng() % 2));
       }
       if (rng() % 8 == 0) bytes.resize(rng() % bytes.size());
-      for (int mended = 0; mended < 2; ++mended) {
+      for (int mended = 0; mended < 4; ++mended) {
         const auto thrown = thrown_by([&] { validate(decode_coded_cell(bytes).cell); });
         accepted += !thrown;
         if (!thrown) break;
@@ -267,9 +331,10 @@ TEST(CodedCell, HostileBytesAreRefusedOrValid) {
             << thrown->message;
         const auto at = thrown->message.find("its bytes have ");
         if (at == std::string::npos) break;
+        const bool is_coarse = thrown->message.find("coarse hash") != std::string::npos;
         const RawBuffer raw(bytes);
         const ContentHash hash = content_hash_from_hex(thrown->message.substr(at + 15, 64));
-        std::memcpy(bytes.data() + raw.field(raw.root(), 1), hash.bytes.data(), 32);
+        std::memcpy(bytes.data() + raw.field(raw.root(), is_coarse ? 2 : 1), hash.bytes.data(), 32);
       }
     }
   }
@@ -307,12 +372,17 @@ TEST(CodedCell, RealCellsAreSmallAndWithinTheirBound) {
   }
   report("kitti00-consecutive", cells);
   EXPECT_LT(bytes_per_plane(cells, 0), 12.5);
+  EXPECT_LT(bytes_per_plane(cells, 0.01), 1.9);
+  EXPECT_LT(bytes_per_plane(cells, 0.02), 1.45);
 }
 
 TEST(CodedCell, RegistrationHardlyNoticesACompactCell) {
   if (!exists(test::real_data("kitti00-dense"))) GTEST_SKIP() << "no real data";
   const auto cells = built_cells("kitti00-dense", "odom_ndt.txt", 6);
   report("kitti00-dense", cells);
+  EXPECT_LT(bytes_per_plane(cells, 0), 12.5);
+  EXPECT_LT(bytes_per_plane(cells, 0.01), 1.9);
+  EXPECT_LT(bytes_per_plane(cells, 0.02), 1.45);
   const auto lattice = std::make_shared<const Lattice>(LatticeSpec{});
   const auto pose_of_pair = [&](std::size_t k, double bound_m) {
     const auto target = [&](const Cell& cell) {

@@ -12,6 +12,8 @@
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/cell_json.hpp"
 #include "cellmap/codec/changes_codec.hpp"
+#include "cellmap/codec/coded_cell.hpp"
+#include "cellmap/codec/plane_displacement.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/geometry/lattice.hpp"
@@ -157,6 +159,64 @@ TEST(Conformance, TheJsonFormAgreesWithTheTwin) {
       EXPECT_EQ(json["planes"][k][3].get<float>(), twin["planes"][k]["nz"].get<float>());
     }
     EXPECT_EQ(json.at("first_stamp"), number_in<std::int64_t>(twin, "first_stamp_ns"));
+  }
+}
+
+Plane plane_in(const Json& json) {
+  return {json.at("distance"), json.at("nx"), json.at("ny"), json.at("nz")};
+}
+
+/// A decoded CELL against the part of its twin that says what is decoded.
+void expect_coded_cell(const DecodedCell& decoded, const Json& twin, const char* indices) {
+  Json header = twin;
+  header["indices"] = twin.at("decoded").at(indices);
+  header["planes"] = Json::array();
+  const Json& all = twin["decoded"].at("indices");
+  for (const Json& index : header["indices"]) {
+    const auto at = std::find(all.begin(), all.end(), index) - all.begin();
+    header["planes"].push_back(twin["decoded"].at("planes").at(static_cast<std::size_t>(at)));
+  }
+  expect_cell(decoded.cell, header);
+  EXPECT_EQ(decoded.raw_hash, hash_in(twin.at("raw_hash")));
+  EXPECT_EQ(decoded.encoding == CellEncoding::kPacked ? "Packed" : "Compact",
+            twin.at("encoding").get<std::string>());
+  EXPECT_EQ(decoded.bound_m, twin.at("bound_um").get<double>() * 1e-6);
+  EXPECT_EQ(decoded.all_planes, twin.at("plane_count"));
+}
+
+TEST(Conformance, CodedCellsBecomeTheirTwinsToTheBit) {
+  const auto files = files_with_suffix(".ccod");
+  ASSERT_GE(files.size(), 14u);
+  for (const fs::path& file : files) {
+    SCOPED_TRACE(file);
+    const Bytes bytes = read_bytes(file);
+    const Json twin = twin_of(file);
+    expect_coded_cell(decode_coded_cell(bytes), twin, "indices");
+    const std::span prefix(bytes.data(), coarse_cell_bytes(bytes));
+    expect_coded_cell(decode_coarse_cell(prefix, bytes.size()), twin, "coarse_indices");
+  }
+}
+
+TEST(Conformance, CodedCellsAreOfTheirSourceWithinTheBound) {
+  for (const fs::path& file : files_with_suffix(".ccod")) {
+    if (!is_canonical(file)) continue;
+    SCOPED_TRACE(file);
+    const Json twin = twin_of(file);
+    const DecodedCell decoded = decode_coded_cell(read_bytes(file));
+    Cell source = decoded.cell;
+    for (std::size_t k = 0; k < source.planes.size(); ++k) {
+      source.planes[k] = plane_in(twin["decoded"].at("source").at(k));
+    }
+    EXPECT_EQ(encode_cell(source).hash, decoded.raw_hash);
+    EXPECT_LE(cell_displacement(source, decoded.cell).worst_m, decoded.bound_m);
+    if (decoded.encoding == CellEncoding::kPacked) {
+      // There is one way to pack without a zstd frame; the library takes the smaller.
+      const Bytes packed = encode_packed_cell(source).bytes, expected = read_bytes(file);
+      EXPECT_LE(packed.size(), expected.size());
+      if (packed.size() == expected.size()) {
+        EXPECT_EQ(packed, expected);
+      }
+    }
   }
 }
 

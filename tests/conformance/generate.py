@@ -19,6 +19,8 @@ import tempfile
 from decimal import Decimal, getcontext
 from pathlib import Path
 
+import coded_cell
+
 HERE = Path(__file__).resolve().parent
 SCHEMA = HERE.parent.parent / "schema"
 VERSION = 1
@@ -163,7 +165,7 @@ class Builder:
         return self.data
 
 
-# --- The four kinds of file in the library's layout -----------------------------------------------------
+# --- The five kinds of file in the library's layout -----------------------------------------------------
 
 POSE = ["r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz"]
 INFORMATION = [f"m{i}{j}" for i in range(6) for j in range(i, 6)]
@@ -196,6 +198,25 @@ def canonical_cell(t):
         8: ("q", t.get("first_stamp_ns", 0)), 9: ("q", t.get("last_stamp_ns", 0)),
         10: ("I", t.get("first_scan", 0)), 11: ("I", t.get("scan_count", 0)), 12: ("ref", statistics)})
     return seal(b.finish(root, b"CELL"))
+
+
+def canonical_coded_cell(t):
+    b = Builder()
+    data = b.vector(bytes(t["data"]), len(t["data"]), 1)
+    session = b.string(t["session"])
+    kind = ["", "Fibonacci", "FibonacciBands"].index(t["lattice"]["kind"])
+    lattice = b.table({0: ("B", kind), 1: ("B", 1), 2: ("I", t["lattice"]["size"])})
+    statistics = b.table({})
+    raw = struct.pack("<4Q", *[t["raw_hash"][f"word{i}"] for i in range(4)])
+    root = b.table({
+        0: ("H", VERSION), 1: ("struct", bytes(32)), 2: ("struct", bytes(32)), 3: ("struct", raw),
+        4: ("B", ["", "Packed", "Compact"].index(t["encoding"])), 5: ("I", t["bound_um"]), 6: ("ref", lattice),
+        7: ("I", t["plane_count"]), 8: ("I", t["coarse_plane_count"]), 9: ("I", t["coarse_bytes"]),
+        10: ("ref", session), 11: ("I", t.get("sequence", 0)), 12: ("struct", doubles(t["t_odom_cell"], POSE)),
+        13: ("q", t.get("first_stamp_ns", 0)), 14: ("q", t.get("last_stamp_ns", 0)),
+        15: ("I", t.get("first_scan", 0)), 16: ("I", t.get("scan_count", 0)), 17: ("ref", statistics),
+        18: ("ref", data)})
+    return seal_coded(b.finish(root, b"CCOD"), t)
 
 
 def canonical_pose_graph(t):
@@ -261,16 +282,24 @@ def canonical_scan(t):
 
 # --- The content hash ------------------------------------------------------------------------------------
 
-def hash_position(data):
+def hash_position(data, ident=1):
     root = struct.unpack_from("<I", data, 0)[0]
     vtable = root - struct.unpack_from("<i", data, root)[0]
-    return root + struct.unpack_from("<H", data, vtable + 4 + 2 * 1)[0]
+    return root + struct.unpack_from("<H", data, vtable + 4 + 2 * ident)[0]
 
 
 def seal(data):
     at = hash_position(data)
     blank = data[:at] + bytes(32) + data[at + 32:]
     return data[:at] + hashlib.sha256(blank).digest() + data[at + 32:]
+
+
+def seal_coded(data, t):
+    """The coarse hash, then the content hash over it."""
+    at, content = hash_position(data, 2), hash_position(data)
+    end = data.rindex(bytes(t["data"])) + t["coarse_bytes"] if t["data"] else len(data)
+    blank = data[:content] + bytes(32) + data[content + 32:]
+    return seal(data[:at] + hashlib.sha256(blank[:end]).digest() + data[at + 32:])
 
 
 def flatc(schema, twin):
@@ -327,6 +356,82 @@ CELLS = {
     "released-lattice": cell(50_000, [0, 1] + list(range(5_000, 42_500, 1_873)) + [42_512, 42_513, 42_561, 42_562],
                              kind="FibonacciBands", session="released", sequence=3,
                              t_odom_cell=pose(5.0, -6.0, 7.0, 0.5), first_stamp_ns=10, last_stamp_ns=20, scan_count=9),
+}
+
+
+# --- Coded CELLs ------------------------------------------------------------------------------------------
+
+def spheres(kind, size):
+    if kind == "Fibonacci":
+        return [coded_cell.Sphere(size, size, 1, 0, list(range(size)), [lattice_direction(i, size) for i in range(size)])]
+    found, first = {}, 0
+    for direction, points, i in bands(size):
+        found.setdefault(points, []).append((i, direction))
+    result = []
+    for points in (size, 2 * size, size // 200):
+        rows = found.get(points, [])
+        result.append(coded_cell.Sphere(points, points - 1, 0, first, [i for i, _ in rows], [d for _, d in rows]))
+        first += len(rows)
+    return result
+
+
+def room_plane(d, index):
+    """A wall or the ground of a room as seen along `d`, leaning a little by the index; None where there is nothing."""
+    walls = [(8.0, 0.0, 0.0), (-5.0, 0.0, 0.0), (0.0, 6.0, 0.0), (0.0, -4.0, 0.0), (0.0, 0.0, -1.8)]
+    ranges = [(coded_cell.dot(w, w) / coded_cell.dot(w, d), w) for w in walls if coded_cell.dot(w, d) > 1e-3]
+    if d[2] > 0.3 or not ranges or index % 11 == 3:
+        return None
+    distance, wall = min(ranges)
+    if index % 5 == 0:  # what stands before the wall
+        distance, lean = distance * (0.3 + 0.1 * (index % 7)), [math.sin(2.0 * index + i) for i in range(3)]
+    else:
+        lean = [0.02 * math.sin(1.0 * index + 2 * i) for i in range(3)]
+    n = [-w / math.sqrt(coded_cell.dot(wall, wall)) + v for w, v in zip(wall, lean)]
+    if index % 97 == 1:  # grazes its patch
+        side = math.sqrt(d[0] * d[0] + d[1] * d[1])
+        n = [-1e-3 * d[0] - d[1] / side, -1e-3 * d[1] + d[0] / side, -1e-3 * d[2]]
+    size = math.sqrt(coded_cell.dot(n, n))
+    n = [as_float32(v / size) for v in n]
+    return (as_float32(distance), *n) if coded_cell.dot(n, d) < -5e-4 else None
+
+
+def coded(name, encoding, bound_um, kind, size, visible, **rest):
+    lattice, planes = spheres(kind, size), {}
+    for sphere in lattice:
+        for k, direction in enumerate(sphere.directions):
+            plane = room_plane(direction, sphere.first + k) if visible(sphere.first + k) else None
+            if plane:
+                planes[sphere.first + k] = plane
+    layers, decoded = (coded_cell.encode_packed(lattice, planes) if encoding == "Packed"
+                       else coded_cell.encode_compact(lattice, planes, bound_um))
+
+    def as_twin(columns):
+        return [dict(zip(("distance", "nx", "ny", "nz"), columns[index])) for index in sorted(columns)]
+
+    indices = sorted(planes)
+    coarse = [sphere.first + k for sphere in lattice for k, p in enumerate(sphere.points)
+              if p % 4 == 0 and sphere.first + k in planes]
+    header = {"lattice": {"kind": kind, "version": 1, "size": size}, "session": name,
+              "t_odom_cell": pose(1.0, -2.0, 0.5, 0.25), **rest}
+    raw = canonical_cell({**header, "indices": indices, "planes": as_twin(planes)})
+    words = struct.unpack_from("<4Q", raw, hash_position(raw))
+    return {"data": list(b"".join(layers)), "version": VERSION, **{
+        field: {f"word{i}": 0 for i in range(4)} for field in ("content_hash", "coarse_hash")},
+        "raw_hash": {f"word{i}": word for i, word in enumerate(words)}, "encoding": encoding, "bound_um": bound_um,
+        **header, "plane_count": len(planes), "coarse_plane_count": len(coarse), "coarse_bytes": len(layers[0]),
+        "decoded": {"indices": indices, "coarse_indices": coarse, "source": as_twin(planes), "planes": as_twin(decoded)}}
+
+
+CODED_CELLS = {
+    "room-packed": lambda name: coded(name, "Packed", 0, "Fibonacci", 1_000, lambda i: True, sequence=3,
+                                      first_stamp_ns=-7, last_stamp_ns=1317617735123456789, first_scan=4, scan_count=9),
+    "room-10mm": lambda name: coded(name, "Compact", 10_000, "Fibonacci", 1_000, lambda i: True, scan_count=1),
+    "part-of-a-room-20mm": lambda name: coded(name, "Compact", 20_000, "Fibonacci", 50_000,
+                                              lambda i: 26_000 <= i < 26_900 or i in (0, 4, 49_999), sequence=1),
+    "bands-50mm": lambda name: coded(name, "Compact", 50_000, "FibonacciBands", 1_000, lambda i: True),
+    "bands-packed": lambda name: coded(name, "Packed", 0, "FibonacciBands", 1_000, lambda i: i % 3 != 0),
+    "nothing-packed": lambda name: coded(name, "Packed", 0, "Fibonacci", 1_000, lambda i: False),
+    "nothing-1mm": lambda name: coded(name, "Compact", 1_000, "Fibonacci", 1_000, lambda i: False),
 }
 
 
@@ -487,6 +592,12 @@ def all_files():
         yield f"{name}.json", json.dumps(twin, indent=1).encode() + b"\n"
         yield f"{name}.cell", data
         yield f"{name}.canonical.cell", canonical_cell(twin)
+    for name, make in CODED_CELLS.items():
+        twin = make(name)
+        rows = ",\n ".join(f"{json.dumps(key)}: {json.dumps(value)}" for key, value in twin.items())
+        yield f"{name}.json", f"{{{rows}}}\n".encode()
+        yield f"{name}.ccod", seal_coded(flatc("coded_cell", twin), twin)
+        yield f"{name}.canonical.ccod", canonical_coded_cell(twin)
     for schema, suffix, twins, canonical in (("pose_graph", "cpgr", GRAPHS, canonical_pose_graph),
                                              ("changes", "cchg", CHANGES, canonical_changes),
                                              ("scan", "cscn", SCANS, canonical_scan)):

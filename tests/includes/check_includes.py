@@ -23,17 +23,18 @@ ROOMS = {
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
     "change": ["core", "geometry", "cell", "registration", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
-    "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "schema"],
+    "codec": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "map", "pipeline", "schema"],
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
+    "archive": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec", "store"],
     "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "change", "store"],
     "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph", "codec"],
     "export": ["core", "geometry", "cell", "place"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry", "evaluation"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "document"],
+               "change", "pipeline", "codec", "store", "archive", "document"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "document", "evaluation", "export", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "export", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it
@@ -44,6 +45,7 @@ VENDORS = {
     r"hwy/": ["simd"],
     r"openssl/": ["core"],
     r"zstd\.h|zstd_errors\.h": ["codec"],
+    r"xxhash\.h": ["core"],
     r"flatbuffers/": ["codec"],
     r"SQLiteCpp/|sqlite3\.h": ["store"],
     r"embree3/": ["simulation"],
@@ -58,7 +60,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 

@@ -4,6 +4,7 @@
 #include <netinet/in.h>
 #include <spdlog/sinks/null_sink.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include "cellmap/core/error.hpp"
@@ -30,6 +31,12 @@ class Client {
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     connected_ = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
   }
+  explicit Client(const std::string& path) : socket_(::socket(AF_UNIX, SOCK_STREAM, 0)) {
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    path.copy(address.sun_path, sizeof(address.sun_path) - 1);
+    connected_ = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
+  }
   ~Client() { ::close(socket_); }
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
@@ -42,11 +49,12 @@ class Client {
            static_cast<ssize_t>(text.size());
   }
 
-  /// Reads until `text` was seen, the server closes or patience ends; returns all of it.
-  std::string read_until(const std::string& text) {
+  /// Reads until `text` was seen, `size` bytes came, the server closes or patience ends; returns
+  /// all of it.
+  std::string read_until(const std::string& text, std::size_t size = SIZE_MAX) {
     std::string all;
     char buffer[4096];
-    while (all.find(text) == std::string::npos) {
+    while (all.size() < size && all.find(text) == std::string::npos) {
       const ssize_t received = ::recv(socket_, buffer, sizeof(buffer), 0);
       if (received <= 0) break;
       all.append(buffer, static_cast<std::size_t>(received));
@@ -112,7 +120,7 @@ TEST_F(Http, PipelinedRequestsAreAllAnswered) {
   serve();
   Client client(server_->port());
   client.send(std::string(kHealth) + kHealth +
-              "GET /healthz HTTP/1.1\r\nConnection: close\r\n\r\n");
+              "GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
   const std::string all = client.read_all();
   std::size_t answers = 0;
   for (auto at = all.find("\"ok\"}"); at != std::string::npos; at = all.find("\"ok\"}", at + 1)) {
@@ -237,14 +245,96 @@ TEST_F(Http, AHundredIdleConnectionsDoNotHoldUpARequest) {
   EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
 }
 
-TEST_F(Http, MoreIdleConnectionsThanThreadsMakeRoom) {
+TEST_F(Http, BeyondTheLimitTheLongestIdleConnectionMakesRoom) {
   HttpServerOptions few;
-  few.max_connections = 4;
-  few.busy_idle_timeout = std::chrono::milliseconds(100);
+  few.front.max_connections = 4;
   serve(few);
   std::vector<std::unique_ptr<Client>> idle;
   for (int i = 0; i < 20; ++i) idle.push_back(std::make_unique<Client>(server_->port()));
   EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+}
+
+/// Fewer quick workers than there are clients that give them nothing to do.
+HttpServerOptions two_workers() {
+  HttpServerOptions options;
+  options.front.quick_workers = 2;
+  return options;
+}
+
+TEST_F(Http, WhoSendsABodySlowlyHoldsUpNobody) {
+  serve(two_workers());
+  std::vector<std::unique_ptr<Client>> slow;
+  for (int i = 0; i < 20; ++i) {
+    slow.push_back(std::make_unique<Client>(server_->port()));
+    slow.back()->send(
+        "POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\n"
+        "Content-Length: 12\r\n\r\n{\"nam");
+  }
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+  slow.front()->send("e\":\"a\"}");
+  EXPECT_THAT(slow.front()->read_until("\r\n\r\n"), StartsWith("HTTP/1.1 201"));
+}
+
+TEST_F(Http, WhoDoesNotReadItsAnswersHoldsUpNobody) {
+  serve(two_workers());
+  make_map();
+  put_street(1);
+  std::vector<std::unique_ptr<Client>> deaf;
+  for (int i = 0; i < 8; ++i) {
+    deaf.push_back(std::make_unique<Client>(server_->port()));
+    // More than the sockets of both sides hold.
+    std::string requests;
+    for (int k = 0; k < 200; ++k)
+      requests += "GET /v1/maps/town/cells/1 HTTP/1.1\r\nHost: x\r\n\r\n";
+    deaf.back()->send(requests);
+  }
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+  const std::string late = deaf.front()->read_until("never", 200 * street_cell(0, 0).bytes.size());
+  EXPECT_GE(late.size(), 200 * street_cell(0, 0).bytes.size());
+}
+
+TEST_F(Http, FollowersHoldUpNobody) {
+  serve(two_workers());
+  make_map();
+  std::vector<std::unique_ptr<Client>> followers;
+  for (int i = 0; i < 10; ++i) {
+    followers.push_back(std::make_unique<Client>(server_->port()));
+    followers.back()->send(
+        "GET /v1/maps/town/changes?since=0&wait_s=20 HTTP/1.1\r\nHost: x\r\n\r\n");
+  }
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
+}
+
+TEST_F(Http, AHeadThatTakesTooLongIsToldSo) {
+  HttpServerOptions hurried;
+  hurried.front.head_timeout = std::chrono::milliseconds(150);
+  serve(hurried);
+  Client client(server_->port());
+  client.send("GET /healthz HT");
+  EXPECT_THAT(client.read_all(), StartsWith("HTTP/1.1 408"));
+}
+
+TEST_F(Http, WhatIsBeingAnsweredWhenTheServerStopsIsAnswered) {
+  serve();
+  make_map();
+  Client waiting(server_->port()), idle(server_->port());
+  waiting.send("GET /v1/maps/town/changes?since=0&wait_s=1 HTTP/1.1\r\nHost: x\r\n\r\n");
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));  // until it is at its handler
+  server_->stop();
+  EXPECT_THAT(waiting.read_until("\r\n\r\n"), StartsWith("HTTP/1.1 200"));
+  EXPECT_EQ(idle.read_all(), "");
+}
+
+TEST_F(Http, ListensOnSeveralAddressesOfAllKinds) {
+  const std::string path = (folder_ / "socket").string();
+  HttpServerOptions options;
+  options.listen = {"127.0.0.1:0", "unix:" + path};
+  serve(options);
+  ASSERT_EQ(server_->urls().size(), 2u);
+  EXPECT_EQ(server_->urls()[1], "unix:" + path);
+  Client local(path);
+  local.send("GET /healthz HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n");
+  EXPECT_THAT(local.read_all(), StartsWith("HTTP/1.1 200"));
 }
 
 TEST_F(Http, EventsStreamAndEndWhenTheServerStops) {
@@ -261,7 +351,7 @@ TEST_F(Http, EventsStreamAndEndWhenTheServerStops) {
 TEST_F(Http, AnAddressThatIsTakenIsAnError) {
   serve();
   HttpServerOptions taken;
-  taken.host = "256.0.0.1";
+  taken.listen = {"127.0.0.1:" + std::to_string(server_->port())};
   const auto log =
       std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::null_sink_mt>());
   EXPECT_THROW(HttpServer(*api_, log, taken), cellmap::Error);

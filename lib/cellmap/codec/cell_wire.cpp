@@ -1,5 +1,6 @@
 #include "cellmap/codec/cell_wire.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <string>
@@ -17,15 +18,15 @@ ContentHash hash_of(std::span<const std::byte> bytes, std::size_t offset) {
   return sha256_of_pieces({bytes.first(offset), kZeros, bytes.subspan(offset + kZeros.size())});
 }
 
-std::size_t offset_of(std::span<const std::byte> bytes, const schema::Hash256& hash) {
-  return static_cast<std::size_t>(reinterpret_cast<const std::byte*>(&hash) - bytes.data());
-}
-
 static_assert(int(schema::LatticeKind::Fibonacci) == int(LatticeKind::kFibonacci) &&
                   int(schema::LatticeKind::FibonacciBands) == int(LatticeKind::kFibonacciBands),
               "both are the format's numbers");
 
 }  // namespace
+
+std::size_t offset_of(std::span<const std::byte> bytes, const schema::Hash256& hash) {
+  return static_cast<std::size_t>(reinterpret_cast<const std::byte*>(&hash) - bytes.data());
+}
 
 LatticeSpec lattice_from_wire(const schema::Lattice& wire) {
   const LatticeSpec spec{static_cast<LatticeKind>(wire.kind()), wire.size()};
@@ -92,6 +93,22 @@ ContentHash write_hash(std::span<std::byte> bytes, const schema::Hash256& place)
   const ContentHash hash = hash_of(bytes, offset);
   std::memcpy(bytes.data() + offset, hash.bytes.data(), sizeof(hash));
   return hash;
+}
+
+ContentHash hash_without(std::span<const std::byte> bytes, const schema::Hash256& first,
+                         const schema::Hash256& second) {
+  constexpr std::array<std::byte, sizeof(ContentHash)> kZeros{};
+  const std::size_t a = std::min(offset_of(bytes, first), offset_of(bytes, second));
+  const std::size_t b = std::max(offset_of(bytes, first), offset_of(bytes, second));
+  return sha256_of_pieces({bytes.first(a), kZeros,
+                           bytes.subspan(a + kZeros.size(), b - a - kZeros.size()), kZeros,
+                           bytes.subspan(b + kZeros.size())});
+}
+
+void write_hash_without(std::span<std::byte> bytes, const schema::Hash256& place,
+                        const schema::Hash256& other) {
+  const ContentHash hash = hash_without(bytes, place, other);
+  std::memcpy(bytes.data() + offset_of(bytes, place), hash.bytes.data(), sizeof(hash));
 }
 
 }  // namespace cellmap

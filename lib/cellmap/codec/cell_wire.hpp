@@ -22,6 +22,9 @@ flatbuffers::Offset<schema::Statistics> statistics_to_wire(flatbuffers::FlatBuff
 ContentHash hash_from_wire(const schema::Hash256& wire);
 schema::Hash256 hash_to_wire(const ContentHash& hash);
 
+/// Where among `bytes` a hash of theirs is.
+std::size_t offset_of(std::span<const std::byte> bytes, const schema::Hash256& hash);
+
 /// SHA-256 of `bytes` with zeros in place of `claimed`, a hash among them, which it must be: else
 /// throws Error{kCorruptData} naming `kind`.
 ContentHash check_hash(std::span<const std::byte> bytes, const schema::Hash256& claimed,
@@ -29,6 +32,14 @@ ContentHash check_hash(std::span<const std::byte> bytes, const schema::Hash256& 
 
 /// Writes that hash where `place`, among the bytes, is.
 ContentHash write_hash(std::span<std::byte> bytes, const schema::Hash256& place);
+
+/// The same of bytes with two hashes, both of which are taken as zeros.
+ContentHash hash_without(std::span<const std::byte> bytes, const schema::Hash256& first,
+                         const schema::Hash256& second);
+
+/// Writes that hash where `place`, the first of the two, is.
+void write_hash_without(std::span<std::byte> bytes, const schema::Hash256& place,
+                        const schema::Hash256& other);
 
 /// Everything but indices and planes; `Wire` is the table of an encoding.
 template <typename Wire>

@@ -22,8 +22,17 @@ const schema::CodedCell& root(std::span<const std::byte> bytes) {
   return *schema::GetCodedCell(bytes.data());
 }
 
-EncodedCell to_file(const Cell& cell, const ContentHash& raw_hash, CellEncoding encoding,
-                    std::uint32_t bound_um, const Bytes& data) {
+/// Bytes before `data`, which is the last thing in the file.
+std::size_t bytes_before_data(std::span<const std::byte> bytes, const schema::CodedCell& wire) {
+  return static_cast<std::size_t>(reinterpret_cast<const std::byte*>(wire.data()->data()) -
+                                  bytes.data());
+}
+
+EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound_um,
+                    const CodedLayers& layers) {
+  const ContentHash raw_hash = encode_cell(cell).hash;
+  Bytes data = layers[0].bytes;
+  data.insert(data.end(), layers[1].bytes.begin(), layers[1].bytes.end());
   flatbuffers::FlatBufferBuilder builder(1024 + data.size());
   const auto coded =
       builder.CreateVector(reinterpret_cast<const std::uint8_t*>(data.data()), data.size());
@@ -34,14 +43,20 @@ EncodedCell to_file(const Cell& cell, const ContentHash& raw_hash, CellEncoding 
   const schema::Pose T_odom_cell = pose_to_wire(cell.T_odom_cell);
   schema::FinishCodedCellBuffer(
       builder,
-      schema::CreateCodedCell(builder, kFormatVersion, &no_hash_yet, &raw,
+      schema::CreateCodedCell(builder, kFormatVersion, &no_hash_yet, &no_hash_yet, &raw,
                               static_cast<schema::Encoding>(encoding), bound_um, lattice,
-                              static_cast<std::uint32_t>(cell.planes.size()), coded, session,
+                              static_cast<std::uint32_t>(cell.planes.size()),
+                              static_cast<std::uint32_t>(layers[0].planes),
+                              static_cast<std::uint32_t>(layers[0].bytes.size()), session,
                               cell.sequence, &T_odom_cell, cell.first_stamp, cell.last_stamp,
-                              cell.first_scan, cell.scan_count, statistics));
+                              cell.first_scan, cell.scan_count, statistics, coded));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
-  encoded.hash = write_hash(encoded.bytes, *root(encoded.bytes).content_hash());
+  const schema::CodedCell& wire = root(encoded.bytes);
+  const std::size_t coarse = bytes_before_data(encoded.bytes, wire) + layers[0].bytes.size();
+  write_hash_without(std::span(encoded.bytes).first(coarse), *wire.coarse_hash(),
+                     *wire.content_hash());
+  encoded.hash = write_hash(encoded.bytes, *wire.content_hash());
   return encoded;
 }
 
@@ -62,42 +77,89 @@ void check_coding(const schema::CodedCell& wire, const Lattice& lattice) {
                                              std::to_string(wire.bound_um()) +
                                              " um; expected 1,000 to 1,000,000, and 0 if packed");
   }
-  if (wire.plane_count() > lattice.size()) {
-    throw Error(ErrorCode::kCorruptData,
-                "the coded CELL has " + std::to_string(wire.plane_count()) +
-                    " planes, but its lattice has " + std::to_string(lattice.size()) + " points");
+  if (wire.plane_count() > lattice.size() || wire.coarse_plane_count() > wire.plane_count()) {
+    throw Error(ErrorCode::kCorruptData, "the coded CELL has " +
+                                             std::to_string(wire.plane_count()) + " planes, " +
+                                             std::to_string(wire.coarse_plane_count()) +
+                                             " of them in its coarse layer, but its lattice has " +
+                                             std::to_string(lattice.size()) + " points");
+  }
+  if (wire.coarse_bytes() > wire.data()->size()) {
+    throw Error(ErrorCode::kCorruptData, "the coded CELL has " +
+                                             std::to_string(wire.data()->size()) +
+                                             " bytes of planes, but a coarse layer of " +
+                                             std::to_string(wire.coarse_bytes()));
   }
 }
 
-DecodedCell decode_aligned(std::span<const std::byte> bytes) {
-  verify_buffer(bytes, kCodedKind, kMaxTables);
+/// Verified bytes; those after the coarse layer are not looked at where `is_coarse`.
+DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
   const schema::CodedCell& wire = root(bytes);
   DecodedCell decoded;
-  decoded.hash = check_hash(bytes, *wire.content_hash(), kCodedKind.name);
+  decoded.hash = hash_from_wire(*wire.content_hash());
   decoded.raw_hash = hash_from_wire(*wire.raw_hash());
   decoded.encoding = static_cast<CellEncoding>(wire.encoding());
   decoded.bound_m = wire.bound_um() * kMicro;
+  decoded.is_coarse = is_coarse;
+  decoded.all_planes = wire.plane_count();
   decoded.cell = header_from_wire(wire);
-  const LatticeSpec spec = decoded.cell.lattice;
-  check_coding(wire, Lattice(spec));
+  CodingLattice lattice(decoded.cell.lattice);
+  check_coding(wire, lattice.lattice);
   const std::span data(reinterpret_cast<const std::byte*>(wire.data()->data()),
                        wire.data()->size());
-  DecodedPlanes planes =
-      decoded.encoding == CellEncoding::kPacked
-          ? decode_packed_planes(spec, wire.plane_count(), data)
-          : decode_compact_planes(spec, wire.plane_count(), data, decoded.bound_m);
+  const LayerView views[] = {
+      {data.first(wire.coarse_bytes()), wire.coarse_plane_count()},
+      {data.subspan(wire.coarse_bytes()), wire.plane_count() - wire.coarse_plane_count()}};
+  const auto layers = std::span(views).first(is_coarse ? 1 : kPlaneLayers);
+  DecodedPlanes planes = decoded.encoding == CellEncoding::kPacked
+                             ? decode_packed_planes(lattice, layers)
+                             : decode_compact_planes(lattice, layers, decoded.bound_m);
   decoded.cell.indices = std::move(planes.indices);
   decoded.cell.planes = std::move(planes.planes);
   validate(decoded.cell);
   return decoded;
 }
 
+void check_coarse_hash(std::span<const std::byte> prefix, const schema::CodedCell& wire) {
+  const ContentHash claimed = hash_from_wire(*wire.coarse_hash());
+  const ContentHash actual = hash_without(prefix, *wire.coarse_hash(), *wire.content_hash());
+  if (claimed == actual) return;
+  throw Error(ErrorCode::kCorruptData, "the coded CELL is damaged: it claims the coarse hash " +
+                                           to_hex(claimed) + ", but its bytes have " +
+                                           to_hex(actual));
+}
+
+std::size_t checked_coarse_bytes(std::span<const std::byte> bytes, const schema::CodedCell& wire) {
+  const std::size_t before = bytes_before_data(bytes, wire);
+  for (const schema::Hash256* hash : {wire.content_hash(), wire.coarse_hash()}) {
+    if (offset_of(bytes, *hash) + sizeof(*hash) > before) {
+      throw Error(ErrorCode::kCorruptData, "the data of a coded CELL do not lie after its hashes");
+    }
+  }
+  if (wire.coarse_bytes() <= wire.data()->size()) return before + wire.coarse_bytes();
+  throw Error(ErrorCode::kCorruptData, "the coarse layer of a coded CELL is longer than its data");
+}
+
+DecodedCell decode_aligned(std::span<const std::byte> bytes) {
+  verify_buffer(bytes, kCodedKind, kMaxTables);
+  const schema::CodedCell& wire = root(bytes);
+  check_hash(bytes, *wire.content_hash(), kCodedKind.name);
+  check_coarse_hash(bytes.first(checked_coarse_bytes(bytes, wire)), wire);
+  return decode_verified(bytes, false);
+}
+
+CodedLayers coded(const Cell& cell, std::uint32_t bound_um) {
+  CodingLattice lattice(cell.lattice);
+  return bound_um == 0
+             ? encode_packed_planes(lattice, cell.indices, cell.planes)
+             : encode_compact_planes(lattice, cell.indices, cell.planes, bound_um * kMicro);
+}
+
 }  // namespace
 
 EncodedCell encode_packed_cell(const Cell& cell) {
-  const ContentHash raw_hash = encode_cell(cell).hash;
-  return to_file(cell, raw_hash, CellEncoding::kPacked, 0,
-                 encode_packed_planes(cell.lattice, cell.indices, cell.planes));
+  validate(cell);
+  return to_file(cell, CellEncoding::kPacked, 0, coded(cell, 0));
 }
 
 EncodedCell encode_compact_cell(const Cell& cell, double bound_m) {
@@ -105,10 +167,9 @@ EncodedCell encode_compact_cell(const Cell& cell, double bound_m) {
     throw Error(ErrorCode::kInvalidArgument,
                 "the bound of a compact CELL must be 0.001 to 1 m, not " + std::to_string(bound_m));
   }
-  const ContentHash raw_hash = encode_cell(cell).hash;
+  validate(cell);
   const auto bound_um = static_cast<std::uint32_t>(std::floor(bound_m / kMicro + 1e-3));
-  return to_file(cell, raw_hash, CellEncoding::kCompact, bound_um,
-                 encode_compact_planes(cell.lattice, cell.indices, cell.planes, bound_um * kMicro));
+  return to_file(cell, CellEncoding::kCompact, bound_um, coded(cell, bound_um));
 }
 
 DecodedCell decode_coded_cell(std::span<const std::byte> bytes) {
@@ -122,6 +183,32 @@ DecodedCell decode_coded_cell(std::span<const std::byte> bytes) {
                     to_hex(decoded.raw_hash));
   }
   return decoded;
+}
+
+DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t file_bytes) {
+  if (file_bytes < prefix.size() || file_bytes > kMaxCodedCellBytes) {
+    throw Error(ErrorCode::kCorruptData, "a coded CELL of " + std::to_string(file_bytes) +
+                                             " bytes does not begin with " +
+                                             std::to_string(prefix.size()));
+  }
+  // What is not there reads as zeros, which the structure does not lead to.
+  Bytes bytes(prefix.begin(), prefix.end());
+  bytes.resize(file_bytes);
+  verify_buffer(bytes, kCodedKind, kMaxTables);
+  const schema::CodedCell& wire = root(bytes);
+  const std::size_t coarse = checked_coarse_bytes(bytes, wire);
+  if (coarse > prefix.size()) {
+    throw Error(ErrorCode::kCorruptData, "the coarse layer of the coded CELL ends after " +
+                                             std::to_string(coarse) + " bytes, but " +
+                                             std::to_string(prefix.size()) + " were given");
+  }
+  check_coarse_hash(std::span(bytes).first(coarse), wire);
+  return decode_verified(bytes, true);
+}
+
+std::size_t coarse_cell_bytes(std::span<const std::byte> bytes) {
+  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxTables);
+  return checked_coarse_bytes(copy, root(copy));
 }
 
 }  // namespace cellmap

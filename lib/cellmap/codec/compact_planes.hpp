@@ -4,8 +4,7 @@
 #include <span>
 #include <vector>
 
-#include "cellmap/cell/cell.hpp"
-#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/plane_layers.hpp"
 
 namespace cellmap {
 
@@ -13,18 +12,21 @@ namespace cellmap {
 /// of a plane within its patch moves by more than `bound_m` along the plane's normal, as
 /// `plane_displacement_m` measures it. Planes that no step serves, because they graze their patch
 /// or pass very near the origin, are kept as they are.
-Bytes encode_compact_planes(const LatticeSpec& lattice, std::span<const std::uint32_t> indices,
-                            std::span<const Plane> planes, double bound_m);
+CodedLayers encode_compact_planes(CodingLattice& lattice, std::span<const std::uint32_t> indices,
+                                  std::span<const Plane> planes, double bound_m);
 
-struct DecodedPlanes {
-  std::vector<std::uint32_t> indices;
-  std::vector<Plane> planes;
-};
+/// Trusts no byte: Error{kCorruptData} for any that no encoder writes for so many planes. One layer
+/// gives the coarse planes, two give all. The planes are finite; the caller asks `validate_planes`.
+/// Time and memory are bounded by the lattice: at most 40 bytes a lattice point.
+DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
+                                    double bound_m);
 
-/// Trusts no byte: Error{kCorruptData} for any that no encoder writes for `count` planes. The
-/// planes are finite; the caller asks `validate_planes`. Time and memory are bounded by the
-/// lattice: at most 20 bytes a lattice point.
-DecodedPlanes decode_compact_planes(const LatticeSpec& lattice, std::size_t count,
-                                    std::span<const std::byte> bytes, double bound_m);
+/// How often a model's bit was 0 and 1.
+using BitCounts = std::vector<std::array<std::uint64_t, 2>>;
+
+/// Adds what coding a CELL asks of each model, in the order of the table of first probabilities
+/// (FORMAT.md, "First probabilities"), to `counts`, which grows to its size.
+void count_compact_bits(CodingLattice& lattice, std::span<const std::uint32_t> indices,
+                        std::span<const Plane> planes, double bound_m, BitCounts& counts);
 
 }  // namespace cellmap

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <utility>
 
 namespace cellmap {
 namespace {
@@ -12,26 +13,39 @@ constexpr std::uint64_t kGoldenTurn = 0x9E3779B97F4A7C15;  // 2^64 / phi
 constexpr double kRadPerUnit = 2 * std::numbers::pi * 0x1p-64;
 constexpr double kBandFloors[] = {-0.20, -0.60};  // FORMAT.md, "Lattices"
 
-/// Fibonacci numbers, their doubles and the sums of one with the next but one: with two successive
-/// ones as a reduced basis, all short vectors of the lattice.
-std::vector<std::uint32_t> short_steps(std::uint32_t limit) {
-  std::vector<std::uint32_t> steps;
-  for (std::uint32_t f = 1, next = 2; f <= limit;) {
-    for (const std::uint32_t step : {f, 2 * f, f + (f + next)}) {
-      if (step <= limit) steps.push_back(step);
+/// Increasing, each once, of those from 1 to `limit` that are multiples of `divisor`.
+std::vector<std::uint32_t> sorted_steps(std::vector<std::int64_t> steps, std::uint32_t divisor,
+                                        std::uint32_t limit) {
+  std::sort(steps.begin(), steps.end());
+  steps.erase(std::unique(steps.begin(), steps.end()), steps.end());
+  std::vector<std::uint32_t> kept;
+  for (const std::int64_t step : steps) {
+    if (step > 0 && step <= limit && step % divisor == 0) {
+      kept.push_back(static_cast<std::uint32_t>(step));
     }
-    const std::uint32_t after = f + next;
+  }
+  return kept;
+}
+
+/// Sums of up to `reach` times each of two successive Fibonacci numbers, which are a reduced basis:
+/// all short vectors of the lattice of every `divisor`-th point.
+std::vector<std::uint32_t> short_steps(int reach, std::uint32_t divisor, std::uint32_t limit) {
+  std::vector<std::int64_t> steps;
+  for (std::int64_t f = 1, next = 2; f <= limit;) {
+    for (int a = 0; a <= reach; ++a) {
+      for (int b = -reach; b <= reach; ++b) steps.push_back(a * f + b * next);
+    }
+    const std::int64_t after = f + next;
     f = next;
     next = after;
   }
-  std::sort(steps.begin(), steps.end());
-  steps.erase(std::unique(steps.begin(), steps.end()), steps.end());
-  return steps;
+  return sorted_steps(std::move(steps), divisor, limit);
 }
 
-/// Which point of its sphere a direction of a lattice of bands is: heights fall in equal steps.
-std::uint32_t point_at_height(double z, std::uint32_t divisor) {
-  return static_cast<std::uint32_t>(std::floor((1 - z) * divisor / 2 + 0.5));
+/// Which point of its sphere a direction of a lattice of bands is: the spheres' axis is y, along
+/// which points follow in equal steps.
+std::uint32_t point_along_axis(double y, std::uint32_t divisor) {
+  return static_cast<std::uint32_t>(std::floor((1 - y) * divisor / 2 + 0.5));
 }
 
 std::vector<LatticeSphere> band_spheres(const Lattice& lattice) {
@@ -47,11 +61,9 @@ std::vector<LatticeSphere> band_spheres(const Lattice& lattice) {
   std::iota(indices.begin(), indices.end(), 0u);
   std::vector<double> x(indices.size()), y(indices.size()), z(indices.size());
   lattice.directions(indices, x.data(), y.data(), z.data());
-  for (const double height : z) {
-    LatticeSphere& sphere = spheres[height >= kBandFloors[0]   ? 0
-                                    : height >= kBandFloors[1] ? 1
-                                                               : 2];
-    sphere.points.push_back(point_at_height(height, sphere.divisor));
+  for (std::size_t k = 0; k < z.size(); ++k) {
+    LatticeSphere& sphere = spheres[z[k] >= kBandFloors[0] ? 0 : z[k] >= kBandFloors[1] ? 1 : 2];
+    sphere.points.push_back(point_along_axis(y[k], sphere.divisor));
   }
   std::uint32_t first = 0;
   for (LatticeSphere& sphere : spheres) {
@@ -75,38 +87,75 @@ std::vector<LatticeSphere> spheres_of(const Lattice& lattice) {
 }
 
 LatticeBelts::LatticeBelts(const LatticeSphere& sphere)
-    : size_(sphere.size), divisor_(sphere.divisor), offset_(sphere.offset) {
-  const auto limit = static_cast<std::uint32_t>(8 * std::sqrt(double(size_))) + 16;
-  for (const std::uint32_t step : short_steps(limit)) {
-    const auto turn = static_cast<std::int64_t>(step * kGoldenTurn);
-    candidates_.push_back({step, static_cast<double>(turn) * kRadPerUnit});
-  }
+    : size_(sphere.size),
+      divisor_(sphere.divisor),
+      offset_(sphere.offset),
+      margin_(static_cast<std::uint32_t>(16 * std::sqrt(double(size_))) + 32),
+      belts_(size_ / kBeltPoints + 1) {
+  const auto with_azimuths = [](const std::vector<std::uint32_t>& steps) {
+    std::vector<Candidate> candidates;
+    for (const std::uint32_t step : steps) {
+      const auto turn = static_cast<std::int64_t>(step * kGoldenTurn);
+      candidates.push_back({step, static_cast<double>(turn) * kRadPerUnit});
+    }
+    return candidates;
+  };
+  fine_ = with_azimuths(short_steps(2, 1, margin_ / 2));
+  coarse_ = with_azimuths(short_steps(4, kCoarsePoints, margin_));
 }
 
-void LatticeBelts::enter(std::uint32_t belt) {
-  belt_ = belt;
-  const std::uint64_t middle =
-      std::min<std::uint64_t>(std::uint64_t{belt} * kBeltPoints + kBeltPoints / 2, size_ - 1);
-  const double m = divisor_;
-  const double a = std::max<double>(1, 2.0 * static_cast<double>(middle) + offset_);
-  const double r2 = std::max(a * (2 * m - a), 1.0) / (m * m);  // squared radius of its circle
+LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& candidates,
+                                                double r2) const {
   struct Near {
     double distance2;
     std::uint32_t step;
+    bool operator<(const Near& other) const {
+      return distance2 < other.distance2 || (distance2 == other.distance2 && step < other.step);
+    }
   };
-  std::array<Near, 128> near;
+  std::array<Near, kNeighbours + 1> nearest;  // sorted, and room for one more
   std::size_t count = 0;
-  for (const Candidate& c : candidates_) {
-    const double height = 2.0 * c.step / m;
-    const double across = c.azimuth_rad * c.azimuth_rad * r2;
-    const double along = height * height / r2;
-    near[count++] = {across + along, c.step};
+  for (const Candidate& c : candidates) {
+    const double height = 2.0 * c.step / divisor_;
+    const Near near{c.azimuth_rad * c.azimuth_rad * r2 + height * height / r2, c.step};
+    if (count == kNeighbours && !(near < nearest[kNeighbours - 1])) continue;
+    std::size_t at = count;
+    for (; at > 0 && near < nearest[at - 1]; --at) nearest[at] = nearest[at - 1];
+    nearest[at] = near;
+    count = std::min(count + 1, kNeighbours);
   }
-  const auto nearer = [](const Near& p, const Near& q) {
-    return p.distance2 < q.distance2 || (p.distance2 == q.distance2 && p.step < q.step);
-  };
-  std::partial_sort(near.begin(), near.begin() + kNeighbours, near.begin() + count, nearer);
-  for (std::size_t n = 0; n < kNeighbours; ++n) steps_[n] = near[n].step;
+  Steps steps;
+  for (std::size_t n = 0; n < kNeighbours; ++n) steps[n] = nearest[n].step;
+  return steps;
+}
+
+void LatticeBelts::enter(Belt& belt, std::uint32_t number) const {
+  const std::uint64_t middle =
+      std::min<std::uint64_t>(std::uint64_t{number} * kBeltPoints + kBeltPoints / 2, size_ - 1);
+  const double m = divisor_;
+  const double a = std::max<double>(1, 2.0 * static_cast<double>(middle) + offset_);
+  const double r2 = std::max(a * (2 * m - a), 1.0) / (m * m);  // squared radius of its circle
+  const Steps coarse = nearest_steps(coarse_, r2), fine = nearest_steps(fine_, r2);
+  for (std::uint32_t rest = 0; rest < kCoarsePoints; ++rest) {
+    Offsets& offsets = belt.offsets[rest];
+    std::size_t count = 0;
+    for (const std::uint32_t step : rest == 0 ? coarse : fine) {
+      const auto offset = static_cast<std::int32_t>(step);
+      if (count < kNeighbours) offsets[count++] = -offset;
+      const bool is_coarse_after = rest != 0 && (rest + step) % kCoarsePoints == 0;
+      if (is_coarse_after && count < kNeighbours) offsets[count++] = offset;
+    }
+  }
+  belt.is_known = true;
+}
+
+CodingLattice::CodingLattice(const LatticeSpec& spec)
+    : lattice(spec), spheres(spheres_of(lattice)) {
+  for (const LatticeSphere& sphere : spheres) {
+    belts.emplace_back(sphere);
+    first_place.push_back(places + belts.back().margin());
+    places += sphere.size + 2 * belts.back().margin();
+  }
 }
 
 }  // namespace cellmap

@@ -25,25 +25,32 @@ struct LatticeSphere {
 /// In the order of the lattice's indices. Linear in its size for bands, else constant.
 std::vector<LatticeSphere> spheres_of(const Lattice& lattice);
 
-/// Which points of a sphere that come earlier in its order lie nearest to a point: along a belt of
+/// A CELL's patches in the order in which they are coded: first the coarse layer, which is every
+/// fourth point of a sphere, then the fine one, all others; in each by lattice index.
+constexpr int kPlaneLayers = 2;
+constexpr std::uint32_t kCoarsePoints = 4;
+constexpr int layer_of(std::uint32_t point) { return point % kCoarsePoints != 0; }
+
+/// Which points of a sphere are coded before a point and lie nearest to it: along a belt of
 /// latitude always the same differences of index, because a Fibonacci sphere is, in (index,
 /// azimuth), a plane lattice whose short vectors are few. FORMAT.md, "Neighbours".
 class LatticeBelts {
  public:
   static constexpr std::size_t kNeighbours = 8;
-  using Steps = std::array<std::uint32_t, kNeighbours>;
+  /// Neighbour n of point p is p + offset n, nearest first; there may be no such point.
+  using Offsets = std::array<std::int32_t, kNeighbours>;
 
   explicit LatticeBelts(const LatticeSphere& sphere);
 
-  /// Neighbour n of point p is p - steps_at(p)[n], nearest first; there may be no such point.
-  /// Almost always as cheap as a comparison: a belt has 256 points.
-  const Steps& steps_at(std::uint32_t point) {
-    if (point / kBeltPoints != belt_) enter(point / kBeltPoints);
-    return steps_;
+  /// A belt has 256 points; what is found for one of them is kept for all.
+  const Offsets& offsets_at(std::uint32_t point) {
+    Belt& belt = belts_[point / kBeltPoints];
+    if (!belt.is_known) enter(belt, point / kBeltPoints);
+    return belt.offsets[point % kCoarsePoints];
   }
 
-  /// No step is larger.
-  std::uint32_t largest_step() const { return candidates_.back().step; }
+  /// No offset is larger.
+  std::uint32_t margin() const { return margin_; }
 
  private:
   static constexpr std::uint32_t kBeltPoints = 256;
@@ -51,13 +58,30 @@ class LatticeBelts {
     std::uint32_t step;
     double azimuth_rad;  ///< from a point to the one so many before it, or back
   };
+  struct Belt {
+    bool is_known = false;
+    std::array<Offsets, kCoarsePoints> offsets;  ///< by point % kCoarsePoints
+  };
+  using Steps = std::array<std::uint32_t, kNeighbours>;
 
-  void enter(std::uint32_t belt);
+  Steps nearest_steps(const std::vector<Candidate>& candidates, double r2) const;
+  void enter(Belt& belt, std::uint32_t number) const;
 
-  std::uint32_t size_, divisor_, offset_;
-  std::vector<Candidate> candidates_;  ///< increasing steps
-  std::uint32_t belt_ = 0xffffffff;
-  Steps steps_{};
+  std::uint32_t size_, divisor_, offset_, margin_;
+  std::vector<Candidate> fine_, coarse_;  ///< increasing steps
+  std::vector<Belt> belts_;
+};
+
+/// The points of a lattice with what is known of their neighbours, and a place in one array for
+/// each point of each sphere, with room on both sides for neighbours that are not there.
+struct CodingLattice {
+  explicit CodingLattice(const LatticeSpec& spec);
+
+  Lattice lattice;
+  std::vector<LatticeSphere> spheres;
+  std::vector<LatticeBelts> belts;       ///< of each sphere
+  std::vector<std::size_t> first_place;  ///< of point 0 of each sphere
+  std::size_t places = 0;
 };
 
 }  // namespace cellmap

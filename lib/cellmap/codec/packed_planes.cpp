@@ -5,8 +5,6 @@
 #include <bit>
 #include <cmath>
 
-#include "cellmap/codec/index_coding.hpp"
-#include "cellmap/codec/plane_prediction.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 
@@ -17,10 +15,14 @@ constexpr int kZstdLevel = 9;
 constexpr int kMaxDigits = 32;
 
 struct PackedModel {
+  IndexModel index;
   std::array<IntegerModel, 3> distance;               ///< by how many neighbours agree
   std::array<std::array<IntegerModel, 3>, 3> normal;  ///< by axis and the same
   std::array<IntegerModel, 3> last;                   ///< the coordinate that the others give
 };
+using PackedModels = std::array<PackedModel, kPlaneLayers>;
+
+PackedModels first_models() { return {}; }
 
 /// Floats in their order as integers in their order, each its own (IEEE totalOrder).
 std::uint32_t ordered(float value) {
@@ -43,8 +45,7 @@ Expected expected(const PlanePrediction& prediction, const InversePlane& m) {
   const std::array<double, 3> v = {double(m.x), double(m.y), double(m.z)};
   const double norm = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
   Expected e;
-  e.distance_m =
-      static_cast<float>(std::ldexp(1.0, kInverseRangeBits) / double(prediction.plane.w));
+  e.distance_m = static_cast<float>(kInverseRangeUnit / double(prediction.plane.w));
   e.last = 0;
   for (int i = 0; i < 3; ++i) {
     e.normal[i] = static_cast<float>(norm > 0 ? -v[i] / norm : 0);
@@ -84,29 +85,41 @@ void code_plane(Coder& coder, PackedModel& model, const Expected& e, Plane& plan
 InversePlane to_inverse(const Plane& plane, const Eigen::Vector3d& u) {
   const double nx = plane.nx, ny = plane.ny, nz = plane.nz;
   const double along = nx * u.x() + ny * u.y() + nz * u.z();
-  const double scale = std::ldexp(1.0, kInverseRangeBits) / (along * double{plane.distance_m});
+  const double scale = kInverseRangeUnit / (along * double{plane.distance_m});
   std::array<std::int64_t, 3> m;
   const std::array<double, 3> v = {nx * scale, ny * scale, nz * scale};
   for (int i = 0; i < 3; ++i) {
     if (!(std::abs(v[i]) < static_cast<double>(kMaxInverseRange))) return {};
-    m[i] = static_cast<std::int64_t>(std::floor(v[i] + 0.5));
+    m[i] = floor_of(v[i] + 0.5);
   }
   return {m[0], m[1], m[2]};
 }
 
+/// What is kept from plane to plane.
+struct PackedState {
+  PackedState(CodingLattice& coding_lattice, std::size_t planes)
+      : lattice(coding_lattice), known(coding_lattice, planes), index(coding_lattice) {}
+
+  CodingLattice& lattice;
+  PackedModels models = first_models();
+  KnownPlanes known;
+  CodedIndex index;
+};
+
+/// Codes the planes of lattice points of one layer.
 template <typename Coder>
-void code_planes(Coder& coder, const Lattice& lattice, const std::vector<LatticeSphere>& spheres,
+void code_planes(Coder& coder, PackedState& state, PackedModel& model,
                  std::span<const std::uint32_t> indices, std::span<Plane> planes) {
-  PackedModel model;
-  KnownPlanes known(spheres, planes.size());
-  for (std::size_t k = 0; k < planes.size(); ++k) {
-    const PatchFrame frame(lattice.direction(indices[k]));
-    known.move_to(indices[k]);
-    const PlanePrediction prediction = known.predict(frame);
-    code_plane(coder, model, expected(prediction, frame.to_cell(prediction.plane)), planes[k]);
-    known.add(to_inverse(planes[k], frame.direction));
-    if constexpr (requires { coder.check(); }) coder.check();
-  }
+  visit_patches(state.lattice, indices, [&](std::size_t k, const Patch& patch) {
+    state.known.move_to(patch.sphere, patch.point);
+    const PlanePrediction prediction = state.known.predict(patch.frame);
+    const Expected e = expected(prediction, patch.frame.to_cell(prediction.plane));
+    code_plane(coder, model, e, planes[k]);
+    state.known.add(to_inverse(planes[k], patch.frame.direction));
+    if constexpr (requires { coder.check(); }) {
+      if (k % 16 == 0) coder.check();
+    }
+  });
 }
 
 Bytes shuffled(std::span<const Plane> planes) {
@@ -135,65 +148,92 @@ std::vector<Plane> unshuffled(std::span<const std::byte> bytes, std::size_t coun
   return planes;
 }
 
-template <typename Coder>
-void code_packed_index(Coder& coder, const std::vector<LatticeSphere>& spheres,
-                       std::vector<std::uint8_t>& has_plane) {
-  IndexModel model;
-  code_index(coder, model, spheres, has_plane);
+/// The first coded bits say how long a zstd frame of the shuffled planes after the stream is; 0:
+/// the planes are in the stream.
+CodedLayer encode_layer(PackedState& state, int layer, std::span<const std::uint32_t> indices,
+                        std::span<Plane> planes) {
+  PackedModel& model = state.models[static_cast<std::size_t>(layer)];
+  const PackedModel model_before = model;
+  const std::vector<std::uint8_t> any_before = state.index.was_any;
+  CodedLayer coded;
+  coded.planes = planes.size();
+  RangeEncoder predicted;
+  predicted.bits(32, 0);
+  code_index(predicted, model.index, state.lattice, layer, state.index);
+  code_planes(predicted, state, model, indices, planes);
+  coded.bytes = std::move(predicted).finish();
+  if (coded.bytes.size() < sizeof(Plane) * planes.size() / 2) return coded;  // zstd gets nowhere
+  const Bytes frame = zstd_compress(shuffled(planes), kZstdLevel);
+  model = model_before;
+  state.index.was_any = any_before;
+  RangeEncoder index_only;
+  index_only.bits(32, static_cast<std::uint32_t>(frame.size()));
+  code_index(index_only, model.index, state.lattice, layer, state.index);
+  Bytes other = std::move(index_only).finish();
+  other.insert(other.end(), frame.begin(), frame.end());
+  if (other.size() < coded.bytes.size()) coded.bytes = std::move(other);
+  return coded;
+}
+
+DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view) {
+  PackedModel& model = state.models[static_cast<std::size_t>(layer)];
+  RangeDecoder size_only(view.bytes);
+  const std::size_t frame_size = size_only.bits(32);
+  if (frame_size > view.bytes.size()) {
+    throw Error(ErrorCode::kCorruptData, "the packed planes name a frame of " +
+                                             std::to_string(frame_size) + " bytes, but have " +
+                                             std::to_string(view.bytes.size()));
+  }
+  RangeDecoder coder(view.bytes.first(view.bytes.size() - frame_size));
+  coder.bits(32);
+  code_index(coder, model.index, state.lattice, layer, state.index);
+  coder.check();
+  DecodedPlanes decoded;
+  decoded.indices = std::move(state.index.of_layer);
+  check_count(decoded.indices, view.planes);
+  if (frame_size > 0) {
+    const std::size_t most = sizeof(Plane) * std::max<std::size_t>(view.planes, 1);
+    decoded.planes = unshuffled(zstd_decompress(view.bytes.last(frame_size), most), view.planes);
+    // The stream knows nothing of these planes, but planes of the next layer are next to them.
+    visit_patches(state.lattice, decoded.indices, [&](std::size_t k, const Patch& patch) {
+      state.known.move_to(patch.sphere, patch.point);
+      state.known.add(to_inverse(decoded.planes[k], patch.frame.direction));
+    });
+  } else {
+    decoded.planes.resize(view.planes);
+    code_planes(coder, state, model, decoded.indices, decoded.planes);
+  }
+  coder.finish();
+  return decoded;
 }
 
 }  // namespace
 
-// The first coded bit says whether the planes follow in the same stream (0) or after it, shuffled
-// in a zstd frame (1); the length of the stream is then in its way told by the frame's.
-Bytes encode_packed_planes(const LatticeSpec& spec, std::span<const std::uint32_t> indices,
-                           std::span<const Plane> planes) {
-  const Lattice lattice(spec);
-  const std::vector<LatticeSphere> spheres = spheres_of(lattice);
-  std::vector<std::uint8_t> has_plane(lattice.size());
-  for (const std::uint32_t index : indices) has_plane[index] = 1;
-  std::vector<Plane> copy(planes.begin(), planes.end());
-  RangeEncoder predicted;
-  predicted.bits(32, 0);
-  code_packed_index(predicted, spheres, has_plane);
-  code_planes(predicted, lattice, spheres, indices, copy);
-  Bytes bytes = std::move(predicted).finish();
-  if (bytes.size() < sizeof(Plane) * planes.size() / 2) return bytes;  // zstd never gets there
-  const Bytes frame = zstd_compress(shuffled(planes), kZstdLevel);
-  RangeEncoder index_only;
-  index_only.bits(32, static_cast<std::uint32_t>(frame.size()));
-  code_packed_index(index_only, spheres, has_plane);
-  Bytes other = std::move(index_only).finish();
-  other.insert(other.end(), frame.begin(), frame.end());
-  return other.size() < bytes.size() ? other : bytes;
+CodedLayers encode_packed_planes(CodingLattice& lattice, std::span<const std::uint32_t> indices,
+                                 std::span<const Plane> planes) {
+  PackedState state(lattice, planes.size());
+  for (const std::uint32_t index : indices) state.index.has_plane[index] = 1;
+  CodedLayers layers;
+  for (int layer = 0; layer < kPlaneLayers; ++layer) {
+    std::vector<std::uint32_t> of_layer;
+    std::vector<Plane> planes_of_layer;
+    visit_points(lattice, indices, [&](std::size_t k, std::size_t, std::uint32_t point) {
+      if (layer_of(point) != layer) return;
+      of_layer.push_back(indices[k]);
+      planes_of_layer.push_back(planes[k]);
+    });
+    layers[layer] = encode_layer(state, layer, of_layer, planes_of_layer);
+  }
+  return layers;
 }
 
-DecodedPlanes decode_packed_planes(const LatticeSpec& spec, std::size_t count,
-                                   std::span<const std::byte> bytes) {
-  const Lattice lattice(spec);
-  const std::vector<LatticeSphere> spheres = spheres_of(lattice);
-  RangeDecoder size_only(bytes);
-  const std::size_t frame_size = size_only.bits(32);
-  if (frame_size > bytes.size()) {
-    throw Error(ErrorCode::kCorruptData, "the packed planes name a frame of " +
-                                             std::to_string(frame_size) + " bytes, but have " +
-                                             std::to_string(bytes.size()));
-  }
-  RangeDecoder coder(bytes.first(bytes.size() - frame_size));
-  coder.bits(32);
-  std::vector<std::uint8_t> has_plane(lattice.size());
-  code_packed_index(coder, spheres, has_plane);
-  coder.check();
-  DecodedPlanes result{.indices = indices_of(has_plane, count), .planes = {}};
-  if (frame_size > 0) {
-    coder.finish();
-    result.planes = unshuffled(
-        zstd_decompress(bytes.last(frame_size), sizeof(Plane) * std::max<std::size_t>(count, 1)),
-        count);
-  } else {
-    result.planes.resize(count);
-    code_planes(coder, lattice, spheres, result.indices, result.planes);
-    coder.finish();
+DecodedPlanes decode_packed_planes(CodingLattice& lattice, std::span<const LayerView> layers) {
+  std::size_t planes = 0;
+  for (const LayerView& layer : layers) planes += layer.planes;
+  PackedState state(lattice, planes);
+  DecodedPlanes result;
+  for (std::size_t layer = 0; layer < layers.size(); ++layer) {
+    merge_layer(result, decode_layer(state, static_cast<int>(layer), layers[layer]));
   }
   return result;
 }

@@ -7,10 +7,10 @@
 namespace cellmap {
 namespace {
 
-std::array<std::int64_t, 3> to_fixed(const Eigen::Vector3d& v) {
+std::array<std::int64_t, 3> to_fixed(const std::array<double, 3>& v) {
   std::array<std::int64_t, 3> fixed;
   for (int i = 0; i < 3; ++i) {
-    fixed[i] = static_cast<std::int64_t>(std::floor(v[i] * (1 << kDirectionBits) + 0.5));
+    fixed[i] = floor_of(v[i] * (1 << kDirectionBits) + 0.5);
   }
   return fixed;
 }
@@ -24,16 +24,30 @@ std::int64_t floor_mean(std::int64_t sum, std::int64_t count) {
   return sum >= 0 ? sum / count : -((-sum + count - 1) / count);
 }
 
+/// The one at place floor(count / 2) of the inverse ranges in ascending order.
+std::int64_t median_of(const std::array<PatchPlane, 6>& planes, std::size_t count) {
+  std::array<std::int64_t, 6> w;
+  for (std::size_t n = 0; n < w.size(); ++n) w[n] = n < count ? planes[n].w : kMaxInverseRange;
+  constexpr std::uint8_t kNetwork[][2] = {{0, 5}, {1, 3}, {2, 4}, {1, 2}, {3, 4}, {0, 3},
+                                          {2, 5}, {0, 1}, {2, 3}, {4, 5}, {1, 2}, {3, 4}};
+  for (const auto& [a, b] : kNetwork) {
+    const std::int64_t low = std::min(w[a], w[b]), high = std::max(w[a], w[b]);
+    w[a] = low;
+    w[b] = high;
+  }
+  return w[count / 2];
+}
+
 }  // namespace
 
 PatchFrame::PatchFrame(const Eigen::Vector3d& d) : direction(d) {
   const double across = std::sqrt(d.x() * d.x() + d.y() * d.y());
-  const Eigen::Vector3d tangent =
-      across > 0 ? Eigen::Vector3d(-d.y() / across, d.x() / across, 0) : Eigen::Vector3d(1, 0, 0);
-  u = to_fixed(d);
-  t1 = to_fixed(tangent);
-  t2 = to_fixed(
-      {-d.z() * tangent.y(), d.z() * tangent.x(), d.x() * tangent.y() - d.y() * tangent.x()});
+  const std::array<double, 3> t =
+      across > 0 ? std::array{-d.y() / across, d.x() / across, 0.0} : std::array{1.0, 0.0, 0.0};
+  tangents = {t, {-d.z() * t[1], d.z() * t[0], d.x() * t[1] - d.y() * t[0]}};
+  u = to_fixed({d.x(), d.y(), d.z()});
+  t1 = to_fixed(tangents[0]);
+  t2 = to_fixed(tangents[1]);
 }
 
 PatchPlane PatchFrame::to_patch(const InversePlane& m) const {
@@ -47,41 +61,26 @@ InversePlane PatchFrame::to_cell(const PatchPlane& p) const {
   return {along(0), along(1), along(2)};
 }
 
-double magnitude(const PatchPlane& plane) {
-  constexpr int kShift = 5;  // so that the sum of squares is exact
-  const auto square = [](std::int64_t v) {
-    const auto short_v = static_cast<double>(v >> kShift);
-    return short_v * short_v;
-  };
-  return std::floor(std::sqrt(square(plane.w) + square(plane.s1) + square(plane.s2))) *
-         (1 << kShift);
-}
-
-KnownPlanes::KnownPlanes(const std::vector<LatticeSphere>& spheres, std::size_t planes)
-    : spheres_(spheres), planes_(1) {
+KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes)
+    : lattice_(lattice), slots_(lattice.places), planes_(1) {
   planes_.reserve(planes + 1);
-  for (const LatticeSphere& sphere : spheres) belts_.emplace_back(sphere);
-  slots_.assign(belts_[0].largest_step() + spheres_[0].size, 0);
 }
 
-void KnownPlanes::move_to(std::uint32_t lattice_index) {
-  while (lattice_index >= spheres_[sphere_].first + spheres_[sphere_].count) {
-    ++sphere_;
-    slots_.assign(belts_[sphere_].largest_step() + spheres_[sphere_].size, 0);
-  }
-  point_ = spheres_[sphere_].point(lattice_index - spheres_[sphere_].first);
+void KnownPlanes::move_to(std::size_t sphere, std::uint32_t point) {
+  sphere_ = sphere;
+  point_ = point;
 }
 
 PlanePrediction KnownPlanes::predict(const PatchFrame& frame) {
   std::array<PatchPlane, kUsed> seen;
-  std::size_t count = 0;
-  const LatticeBelts::Steps& steps = belts_[sphere_].steps_at(point_);
-  const std::size_t at = belts_[sphere_].largest_step() + point_;
-  for (std::size_t n = 0; n < kUsed; ++n) {
-    const std::uint32_t slot = slots_[at - steps[n]];
+  std::size_t count = 0, known = 0;
+  const std::uint32_t* const here = slots_.data() + lattice_.first_place[sphere_] + point_;
+  for (const std::int32_t offset : lattice_.belts[sphere_].offsets_at(point_)) {
+    const std::uint32_t slot = here[offset];
     if (slot == 0) continue;
     const PatchPlane plane = frame.to_patch(planes_[slot]);
     if (plane.is_in_range()) seen[count++] = plane;
+    if (++known == kUsed) break;
   }
   PlanePrediction prediction;
   prediction.neighbours = static_cast<int>(count);
@@ -93,34 +92,33 @@ PlanePrediction KnownPlanes::predict(const PatchFrame& frame) {
                         0};
     return prediction;
   }
-  // Those within a share of the median, nearest the median of their inverse ranges.
-  std::array<std::int64_t, kUsed> sorted;
-  for (std::size_t n = 0; n < count; ++n) sorted[n] = seen[n].w;
-  std::sort(sorted.begin(), sorted.begin() + count);
-  const std::int64_t median = sorted[count / 2];
+  // Those within a share of the median, nearest the median of their inverse ranges. All of it
+  // without branches, which no processor would foresee.
+  const std::int64_t median = median_of(seen, count);
   const std::int64_t tolerance = median >> 4;
+  std::array<std::int64_t, kUsed> agrees{};  // -1 or 0
   PatchPlane sum;
   std::int64_t agreeing = 0;
   for (std::size_t n = 0; n < count; ++n) {
-    if (std::abs(seen[n].w - median) > tolerance) continue;
-    sum.w += seen[n].w;
-    sum.s1 += seen[n].s1;
-    sum.s2 += seen[n].s2;
-    ++agreeing;
+    agrees[n] = -static_cast<std::int64_t>(std::abs(seen[n].w - median) <= tolerance);
+    sum.w += seen[n].w & agrees[n];
+    sum.s1 += seen[n].s1 & agrees[n];
+    sum.s2 += seen[n].s2 & agrees[n];
+    agreeing -= agrees[n];
   }
   PatchPlane& mean = prediction.plane;
   mean = {floor_mean(sum.w, agreeing), floor_mean(sum.s1, agreeing), floor_mean(sum.s2, agreeing)};
   for (std::size_t n = 0; n < count; ++n) {
-    if (std::abs(seen[n].w - median) > tolerance) continue;
-    prediction.w_spread += std::abs(seen[n].w - mean.w);
-    prediction.s_spread += std::abs(seen[n].s1 - mean.s1) + std::abs(seen[n].s2 - mean.s2);
+    prediction.w_spread += std::abs(seen[n].w - mean.w) & agrees[n];
+    prediction.s_spread +=
+        (std::abs(seen[n].s1 - mean.s1) + std::abs(seen[n].s2 - mean.s2)) & agrees[n];
   }
   prediction.agreeing = static_cast<int>(agreeing);
   return prediction;
 }
 
 void KnownPlanes::add(const InversePlane& m) {
-  slots_[belts_[sphere_].largest_step() + point_] = static_cast<std::uint32_t>(planes_.size());
+  slots_[lattice_.first_place[sphere_] + point_] = static_cast<std::uint32_t>(planes_.size());
   planes_.push_back(m);
 }
 

@@ -20,9 +20,17 @@ namespace cellmap {
 // double precision too: the same on every machine and in every language (FORMAT.md, "Predicted
 // planes").
 
-constexpr int kInverseRangeBits = 28;                             ///< unit of m: 2^-28 per metre
+constexpr int kInverseRangeBits = 28;  ///< unit of m: 2^-28 per metre
+constexpr double kInverseRangeUnit = 0x1p28;
 constexpr int kDirectionBits = 20;                                ///< unit of directions: 2^-20
 constexpr std::int64_t kMaxInverseRange = std::int64_t{1} << 30;  ///< of each coordinate: 4 per m
+
+/// The largest integer that is not larger, of numbers that are small enough; without SSE 4.1
+/// std::floor is a call.
+inline std::int64_t floor_of(double x) {
+  const auto truncated = static_cast<std::int64_t>(x);
+  return truncated - (static_cast<double>(truncated) > x);
+}
 
 /// m in the CELL's frame, in units of 2^-28 per metre.
 struct InversePlane {
@@ -42,15 +50,13 @@ struct PatchPlane {
 /// The direction u of a patch and two tangents, t1 horizontal and t2 = u x t1.
 struct PatchFrame {
   Eigen::Vector3d direction;
+  std::array<std::array<double, 3>, 2> tangents;
   std::array<std::int64_t, 3> u, t1, t2;  ///< in units of 2^-20
 
   explicit PatchFrame(const Eigen::Vector3d& direction);
   PatchPlane to_patch(const InversePlane& m) const;
   InversePlane to_cell(const PatchPlane& plane) const;
 };
-
-/// |m| of a plane in units of 2^-28 per metre, rounded down to a multiple of 32.
-double magnitude(const PatchPlane& plane);
 
 /// What the planes around a patch say about its own.
 struct PlanePrediction {
@@ -61,13 +67,14 @@ struct PlanePrediction {
   std::int64_t s_spread = 0;  ///< the same of both slopes
 };
 
-/// The planes of a CELL that are already known, by lattice point.
+/// The planes of a CELL that are already known, by place in the lattice.
 class KnownPlanes {
  public:
-  KnownPlanes(const std::vector<LatticeSphere>& spheres, std::size_t planes);
+  /// `lattice` must outlive it.
+  KnownPlanes(CodingLattice& lattice, std::size_t planes);
 
-  /// Which patch is coded next. Patches come in the order of their lattice indices.
-  void move_to(std::uint32_t lattice_index);
+  /// Which patch is coded next.
+  void move_to(std::size_t sphere, std::uint32_t point);
 
   PlanePrediction predict(const PatchFrame& frame);
 
@@ -77,12 +84,10 @@ class KnownPlanes {
  private:
   static constexpr std::size_t kUsed = 6;  ///< of the neighbours
 
-  const std::vector<LatticeSphere>& spheres_;
+  CodingLattice& lattice_;
   std::size_t sphere_ = 0;
-  std::vector<LatticeBelts> belts_;
   std::uint32_t point_ = 0;
-  std::vector<std::uint32_t> slots_;  ///< of the points of the present sphere, from its largest
-                                      ///< step on: position in planes_, 0: none
+  std::vector<std::uint32_t> slots_;  ///< by place: position in planes_, 0: none
   std::vector<InversePlane> planes_;
 };
 

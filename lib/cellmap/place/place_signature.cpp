@@ -239,4 +239,8 @@ void PlaceSignature::correlate(const simd::TurnedViews& views, std::size_t harmo
   simd::correlate_turned(views, cosine_.data(), sine_.data(), harmonics, best);
 }
 
+float PlaceSignature::most_alike(const simd::TurnedViews& views, std::size_t harmonics) const {
+  return simd::best_turned(views, cosine_.data(), sine_.data(), harmonics);
+}
+
 }  // namespace cellmap

@@ -74,6 +74,8 @@ class PlaceSignature {
   /// By turn, the best agreement of any of the views, from the first `harmonics` harmonics.
   void correlate(const simd::TurnedViews& views, std::size_t harmonics,
                  std::array<float, kSectors>& best) const;
+  /// The best of them at any turn.
+  float most_alike(const simd::TurnedViews& views, std::size_t harmonics) const;
 
  private:
   using Coefficients = Eigen::Matrix<float, kRows, kHarmonics + 1>;

@@ -16,16 +16,22 @@ constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kGridStepM = 2.0, kGridStepRad = 5.0 * kRadPerDeg;
 /// Places farther apart than this are not the same.
 constexpr double kSamePlaceM = 5.0;
-/// The most alike places are tried first, by themselves, then more of them, then all: most queries
-/// are answered by the first few.
-constexpr std::array<std::size_t, 2> kRounds = {3, 10};
+/// The most alike place is tried first, by itself, then more of them, then all: most queries are
+/// answered by the first.
+constexpr std::array<std::size_t, 3> kRounds = {1, 4, 12};
 /// Similarity from above that an answer which is not certain needs: a second opinion that has seen
 /// neither planes nor sight lines.
 constexpr double kLooksAlike = 0.38;
 /// An answer that is believed this much ends the search.
 constexpr double kCertain = 0.995;
-/// From this place on, fewer starts are tried.
-constexpr std::size_t kLessLikely = 10, kStartsThere = 3;
+/// What was registered to few points and confirms less than this is not looked at any further.
+constexpr double kHopeless = 0.33;
+/// So many of the most promising are registered with many points in each round.
+constexpr std::size_t kRefined = 2;
+/// Less confidence than this is not worth the time to ask around.
+constexpr double kWorthAsking = 0.02;
+/// From this place on, fewer starts are tried, and fewer go on.
+constexpr std::size_t kLessLikely = 4, kStartsThere = 3, kSearchedThere = 1;
 
 /// Some of the points, evenly taken: three quarters of them upright structure where there is
 /// enough.
@@ -62,6 +68,7 @@ ResidualHistogram residuals_of(const RegistrationTarget& target, const PointClou
 struct Attempt {
   std::size_t place = 0;
   RegistrationResult result;
+  double quick = 0;
 };
 
 RegistrationOptions staged(const RelocaliseOptions& options,
@@ -94,35 +101,32 @@ std::vector<Pose> best_of_grid(const RegistrationTarget& target, const PointClou
 struct Tried {
   RelocalisationCandidate candidate;
   std::size_t place = 0;
+  double quick = 0;  ///< quick_tight_ratio: what those that were not refined are ordered by
   bool refined = false;
+  bool believed = false;  ///< with at least the confidence that is asked for
 };
 
 double distance_m(const RelocalisationCandidate& a, const RelocalisationCandidate& b) {
   return (a.T_map_scan.translation() - b.T_map_scan.translation()).norm();
 }
 
-/// Orders what was registered but not refined: right places have settled to the noise of the
-/// sensor.
-double promise(const RegistrationScores& scores) {
-  return agreement(scores) - 10 * std::min(scores.median_residual_m, 0.1);
-}
-
 bool better(const Tried& a, const Tried& b) {
   if (a.refined != b.refined) return a.refined;
-  if (a.refined) return a.candidate.confidence > b.candidate.confidence;
-  return promise(a.candidate.registration.scores) > promise(b.candidate.registration.scores);
+  if (a.believed != b.believed) return a.believed;
+  return a.refined ? a.candidate.confidence > b.candidate.confidence : a.quick > b.quick;
 }
 
 /// One search: what it is about and how far it has come.
 class Trials {
  public:
   Trials(const std::vector<PlaceToTry>& places, const QueryPoints& query,
-         const std::optional<PosePrior>& prior, const RelocaliseOptions& options)
-      : places_(places), query_(query), prior_(prior), options_(options) {}
+         const AroundProvider& around, const std::optional<PosePrior>& prior,
+         const RelocaliseOptions& options)
+      : places_(places), query_(query), around_(around), prior_(prior), options_(options) {}
 
   std::vector<RelocalisationCandidate> run() {
     std::size_t done = 0;
-    for (const std::size_t until : {kRounds[0], kRounds[1], places_.size()}) {
+    for (const std::size_t until : {kRounds[0], kRounds[1], kRounds[2], places_.size()}) {
       if (query_.is_narrow && until < places_.size()) continue;
       const std::size_t end = std::min(until, places_.size());
       if (end > done) search(keep_best(screen(done, end)));
@@ -189,7 +193,10 @@ class Trials {
     std::vector<Attempt> kept;
     std::vector<std::size_t> of_place(places_.size(), 0);
     for (const Attempt& attempt : attempts) {
-      if (of_place[attempt.place] >= options_.searched) continue;
+      const std::size_t most = attempt.place < kLessLikely
+                                   ? options_.searched
+                                   : std::min(options_.searched, kSearchedThere);
+      if (of_place[attempt.place] >= most) continue;
       const bool known = std::any_of(kept.begin(), kept.end(),
                                      [&](const Attempt& k) { return same_answer(k, attempt); });
       if (known) continue;
@@ -211,12 +218,13 @@ class Trials {
       const RegistrationTarget& target = *places_[attempt.place].target;
       attempt.result =
           register_scan(target, query_.search, attempt.result.T_target_source, registration);
-      attempt.result.scores = score_scan(target, query_.search, attempt.result.T_target_source);
+      attempt.quick = quick_tight_ratio(target, query_.scored, attempt.result.T_target_source);
     });
     std::erase_if(attempts, [&](const Attempt& a) { return !allowed(a); });
     for (const Attempt& attempt : attempts) {
       Tried tried;
       tried.place = attempt.place;
+      tried.quick = attempt.quick;
       tried.candidate.cell = places_[attempt.place].cell;
       tried.candidate.similarity = places_[attempt.place].merit;
       tried.candidate.registration = attempt.result;
@@ -233,44 +241,49 @@ class Trials {
     const PlaceToTry& place = places_[tried.place];
     const RegistrationOptions registration = staged(
         options_,
-        {{3, 0.5, RobustKernel::kGemanMcClure, 0.1}, {20, 0.5, RobustKernel::kGemanMcClure, 0.05}});
+        {{3, 0.5, RobustKernel::kGemanMcClure, 0.1}, {40, 0.5, RobustKernel::kGemanMcClure, 0.05}});
     tried.refined = true;
     candidate.registration =
         register_scan(*place.target, query_.refine, candidate.T_cell_scan, registration);
     candidate.T_cell_scan = candidate.registration.T_target_source;
     candidate.T_map_scan = place.T_map_cell * candidate.T_cell_scan;
-    candidate.registration.scores = score_scan(*place.target, query_.scored, candidate.T_cell_scan);
+    candidate.registration.scores =
+        score_scan(*place.target, query_.scored.points(), candidate.T_cell_scan);
     if (!allowed({tried.place, candidate.registration})) return;
     candidate.structure = score_structure(*place.target, query_.scored, candidate.T_cell_scan);
     score_facing(*place.target, query_.surfaces, candidate.T_cell_scan, candidate.structure);
-    candidate.residuals = residuals_of(*place.target, query_.scored, candidate.T_cell_scan);
+    candidate.residuals =
+        residuals_of(*place.target, query_.scored.points(), candidate.T_cell_scan);
     candidate.confidence =
         confidence_of(candidate.structure, candidate.registration.degeneracy.weakest_share);
   }
 
-  /// Of what was not refined yet, the best; and unless that settles it, the next best and the best
-  /// elsewhere, which shows whether the first stands out.
+  /// Of what was not refined yet, the few that promise most, best first, until one is certain.
   void refine_best() {
-    constexpr std::size_t kMost = 5, kElsewhere = 1;
     std::vector<Tried*> open;
     for (Tried& tried : tried_) {
-      if (!tried.refined) open.push_back(&tried);
+      if (!tried.refined && tried.quick >= kHopeless && open.size() < kRefined) {
+        open.push_back(&tried);
+      }
     }
-    std::vector<Tried*> chosen;
-    std::size_t elsewhere = 0;
     for (Tried* tried : open) {
-      const bool is_elsewhere = distance_m(tried->candidate, open[0]->candidate) > kSamePlaceM;
-      if (chosen.size() >= kMost && !(is_elsewhere && elsewhere < kElsewhere)) continue;
-      elsewhere += is_elsewhere;
-      chosen.push_back(tried);
-    }
-    if (!chosen.empty()) refine(*chosen[0]);
-    if (chosen.empty() || chosen[0]->candidate.confidence < kCertain) {
-      parallel_for(chosen.size(), 1, options_.threads, [&](std::size_t k, std::size_t) {
-        if (k > 0) refine(*chosen[k]);
-      });
+      refine(*tried);
+      ask_around(*tried);
+      tried->believed = is_believed(tried->candidate, options_.min_confidence);
+      if (is_believed(tried->candidate, kCertain)) break;
     }
     std::stable_sort(tried_.begin(), tried_.end(), better);
+  }
+
+  /// What the CELLs around the answer say of it.
+  void ask_around(Tried& tried) const {
+    RelocalisationCandidate& candidate = tried.candidate;
+    if (candidate.confidence < kWorthAsking) return;
+    candidate.surroundings =
+        score_surroundings(around_(candidate.cell, candidate.T_map_scan), query_.scored,
+                           query_.search, candidate.T_map_scan, options_.registration);
+    candidate.confidence = confidence_of(candidate.structure, candidate.surroundings,
+                                         candidate.registration.degeneracy.weakest_share);
   }
 
   bool is_believed(const RelocalisationCandidate& candidate, double confidence) const {
@@ -290,7 +303,8 @@ class Trials {
     compare_best();
     RelocalisationCandidate& best = tried_.front().candidate;
     // A prior says where to look; what is nowhere alike there was tried all the same.
-    const bool looks_alike = prior_ || best.similarity >= kLooksAlike;
+    const bool looks_alike =
+        prior_ || best.surroundings.cells >= kFewestAround || best.similarity >= kLooksAlike;
     best.accepted = is_certain() || (is_believed(best, options_.min_confidence) && looks_alike);
     for (Tried& tried : tried_) candidates.push_back(std::move(tried.candidate));
     return candidates;
@@ -314,6 +328,7 @@ class Trials {
 
   const std::vector<PlaceToTry>& places_;
   const QueryPoints& query_;
+  const AroundProvider& around_;
   const std::optional<PosePrior>& prior_;
   const RelocaliseOptions& options_;
   std::vector<Tried> tried_;
@@ -323,7 +338,9 @@ class Trials {
 
 QueryPoints::QueryPoints(const RelocalisationQuery& query, const DescribedQuery& described,
                          const RelocaliseOptions& options)
-    : T_ground_query(described.ground().T_ground_sensor), is_narrow(described.is_narrow()) {
+    : scored(thinned(query.points, options.refine_points)),
+      T_ground_query(described.ground().T_ground_sensor),
+      is_narrow(described.is_narrow()) {
   const GroundFrame& ground = described.ground();
   constexpr double kUprightM = 0.5;
   PointCloud upright, level;
@@ -338,7 +355,6 @@ QueryPoints::QueryPoints(const RelocalisationQuery& query, const DescribedQuery&
   screen = mostly_upright(upright, level, options.screen_points);
   search = mostly_upright(upright, level, options.search_points);
   refine = mostly_upright(upright, level, options.refine_points / 2);
-  scored = thinned(query.points, options.refine_points);
   surfaces = surfaces_of(query, up);
 }
 
@@ -377,9 +393,10 @@ std::vector<Pose> LocalPrior::grid(const Pose& T_cell_ground, const Pose& T_grou
 
 std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& places,
                                                 const QueryPoints& query,
+                                                const AroundProvider& around,
                                                 const std::optional<PosePrior>& prior,
                                                 const RelocaliseOptions& options) {
-  return Trials(places, query, prior, options).run();
+  return Trials(places, query, around, prior, options).run();
 }
 
 }  // namespace cellmap

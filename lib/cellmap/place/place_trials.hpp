@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -23,7 +24,7 @@ struct PlaceToTry {
 /// few points that search, half stand higher than half a metre above it.
 struct QueryPoints {
   PointCloud screen, search, refine;
-  PointCloud scored;  ///< evenly taken of all
+  ScanView scored;  ///< evenly taken of all
   UprightSurfaces surfaces;
   Pose T_ground_query;
   /// Less than half of the surroundings was seen: no place is certain before all were tried.
@@ -53,10 +54,15 @@ constexpr double kCellReachM = 12.0;
 /// How exactly a start must lie within the prior.
 constexpr double kStartMarginM = 2.0, kStartMarginRad = 0.105;
 
+/// The CELLs around a pose in the map, that of the first argument first. Called by one thread at a
+/// time.
+using AroundProvider = std::function<std::vector<CellAround>(CellId, const Pose& T_map_scan)>;
+
 /// Tries the starts of all places: each on few points, the best on more, the best of those on many,
 /// until one is believed. Best first; where the first is not accepted, none is. Deterministic.
 std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& places,
                                                 const QueryPoints& query,
+                                                const AroundProvider& around,
                                                 const std::optional<PosePrior>& prior,
                                                 const RelocaliseOptions& options);
 

@@ -137,6 +137,32 @@ struct PlaceIndex::Impl {
     return place;
   }
 
+  /// The CELL and the nearest others around a pose, no two at the same place.
+  std::vector<CellAround> cells_around(CellId own, const Pose& T_map_scan,
+                                       const std::vector<std::size_t>& slots,
+                                       const PoseGraph& graph,
+                                       const TargetProvider& targets) const {
+    constexpr double kReachM = 30.0, kApartM = 4.0;
+    constexpr std::size_t kMost = 7;
+    std::vector<std::pair<double, CellId>> near;
+    for (const std::size_t slot : slots) {
+      const CellId id = signatures.id(slot);
+      const double metres = (graph.nodes.at(id).translation() - T_map_scan.translation()).norm();
+      if (id != own && metres <= kReachM) near.push_back({metres, id});
+    }
+    std::sort(near.begin(), near.end());
+    std::vector<CellAround> cells = {{targets(own), graph.nodes.at(own)}};
+    for (const auto& [metres, id] : near) {
+      if (cells.size() >= kMost) break;
+      const Pose& T = graph.nodes.at(id);
+      const bool is_apart = std::all_of(cells.begin(), cells.end(), [&](const CellAround& c) {
+        return (c.T_map_cell.translation() - T.translation()).norm() >= kApartM;
+      });
+      if (is_apart) cells.push_back({targets(id), T});
+    }
+    return cells;
+  }
+
   /// The places most like the query, most alike first.
   std::vector<PlaceToTry> similar_places(const DescribedQuery& query,
                                          const std::vector<std::size_t>& slots,
@@ -228,8 +254,11 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
   std::vector<PlaceToTry> places =
       impl_->similar_places(described, slots, graph, query.prior, options);
   for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
+  const auto around = [&](CellId own, const Pose& T_map_scan) {
+    return impl_->cells_around(own, T_map_scan, slots, graph, targets);
+  };
   std::vector<RelocalisationCandidate> tried =
-      try_places(places, QueryPoints(query, described, options), query.prior, options);
+      try_places(places, QueryPoints(query, described, options), around, query.prior, options);
   if (!tried.empty() && tried.front().accepted) {
     answer.found = tried.front();
     answer.covariance =

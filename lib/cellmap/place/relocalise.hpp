@@ -11,6 +11,7 @@
 #include "cellmap/core/id.hpp"
 #include "cellmap/geometry/pose.hpp"
 #include "cellmap/place/loop_detection.hpp"
+#include "cellmap/place/surroundings.hpp"
 #include "cellmap/registration/registration.hpp"
 #include "cellmap/scan/scan_source.hpp"
 
@@ -81,9 +82,10 @@ struct RelocalisationCandidate {
   Pose T_map_scan = Pose::Identity();
   Pose T_cell_scan = Pose::Identity();
   RegistrationResult registration;
-  double similarity = 0;        ///< of what query and CELL look like from above, in [-1, 1]
-  StructureScores structure;    ///< of the few places that were refined
-  ResidualHistogram residuals;  ///< of them too
+  double similarity = 0;            ///< of what query and CELL look like from above, in [-1, 1]
+  StructureScores structure;        ///< of the few places that were refined
+  ResidualHistogram residuals;      ///< of them too
+  SurroundingsScores surroundings;  ///< of the best of them
   /// By how much its structure agrees better than that of the best other place that was refined,
   /// more than 5 m away; 1 where there was none.
   double dominance = 0;

@@ -55,6 +55,7 @@ class SignatureIndex {
   void remove(CellId id);
   std::size_t size() const { return ids_.size(); }
   const std::map<CellId, std::size_t>& slots() const { return slots_; }
+  CellId id(std::size_t slot) const { return ids_[slot]; }
   const GroundFrame& ground(CellId cell) const { return grounds_[slots_.at(cell)]; }
 
   /// More CELLs than this are first compared by their low harmonics alone.
@@ -64,9 +65,9 @@ class SignatureIndex {
 
   /// Of the CELLs at `slots`, the `count` that agree best with the query at any turn and from any
   /// of its centres, best first. Every CELL is compared: 577 take about 2 ms on
-  /// one thread with AVX2, more in proportion. Nearest-neighbour libraries need a vector that does not change with the
-  /// heading, and such vectors lose the place once a part of the view is missing (ARCHITECTURE.md,
-  /// "Relocalisation").
+  /// one thread with AVX2, more in proportion. Nearest-neighbour libraries need a vector that does
+  /// not change with the heading, and such vectors lose the place once a part of the view is
+  /// missing (ARCHITECTURE.md, "Relocalisation").
   std::vector<CellId> most_alike(const DescribedQuery& query, const std::vector<std::size_t>& slots,
                                  std::size_t count, int threads) const;
 

@@ -14,10 +14,11 @@ constexpr double kLevelNormalZ = 0.7;  // cos 45 deg
 constexpr double kOffLevelM = 0.5;
 /// Less structure than this proves nothing.
 constexpr std::uint32_t kFewestPlanes = 50, kFewestStructurePoints = 50;
+/// What the CELLs around add to the odds, and where they add nothing: midway between right poses
+/// and wrong ones.
+constexpr double kOddsOfAround = 30, kEvenAround = 0.68, kEvenAroundNarrow = 0.9;
+constexpr std::uint32_t kFewestParts = 12;
 constexpr double kInlierM = 0.2, kBlockedM = 1.0;  // as in RegistrationScores
-
-/// Wide enough that a thinned scan has points in the directions it covers.
-constexpr std::uint32_t kScanLatticeSize = 8'000;
 
 double share(std::size_t part, std::size_t whole) {
   return whole == 0 ? 0.0 : static_cast<double>(part) / static_cast<double>(whole);
@@ -27,18 +28,10 @@ bool is_level(const Plane& plane) { return std::abs(plane.nz) >= kLevelNormalZ; 
 
 void score_forward(const RegistrationTarget& target, const PointCloud& scan,
                    const Pose& T_cell_scan, StructureScores& scores) {
-  const HitDistances hits = MatchedTerm({&target, &scan, false}, 1).distances(T_cell_scan);
-  std::size_t points = 0, inliers = 0, in_front = 0;
-  for (std::size_t i = 0; i < hits.plane.size(); ++i) {
-    const double distance = hits.distance_m[i];
-    if (is_level(target.cell().planes[hits.plane[i]]) && std::abs(distance) <= kOffLevelM) continue;
-    ++points;
-    inliers += std::abs(distance) <= kInlierM;
-    in_front += distance > kBlockedM;
-  }
-  scores.points = static_cast<std::uint32_t>(points);
-  scores.inlier_ratio = share(inliers, points);
-  scores.share_in_front = share(in_front, points);
+  const StructurePoints seen = structure_points(target, scan, T_cell_scan);
+  scores.points = seen.points;
+  scores.inlier_ratio = share(seen.inliers, seen.points);
+  scores.share_in_front = share(seen.in_front, seen.points);
 }
 
 std::vector<std::uint32_t> nearest_of(const Lattice& lattice, const PointCloud& points) {
@@ -47,91 +40,16 @@ std::vector<std::uint32_t> nearest_of(const Lattice& lattice, const PointCloud& 
   return indices;
 }
 
-/// The points of a scan by direction, sorted by counting.
-class DirectionImage {
- public:
-  DirectionImage(const Lattice& lattice, const PointCloud& scan) : begin_(lattice.size() + 2, 0) {
-    std::vector<std::uint32_t> patch = nearest_of(lattice, scan);
-    // Sensors mark missing returns with the origin, which has no direction.
-    for (std::uint32_t& i : patch) i = std::min(i, lattice.size());
-    for (const std::uint32_t i : patch) ++begin_[i + 1];
-    for (std::size_t i = 1; i < begin_.size(); ++i) begin_[i] += begin_[i - 1];
-    std::vector<std::uint32_t> next = begin_;
-    points_.resize(scan.size());
-    for (std::size_t i = 0; i < scan.size(); ++i) {
-      points_[next[patch[i]]++] = {scan[i], scan[i].norm()};
-    }
-  }
-
-  struct Point {
-    Eigen::Vector3f position;
-    float range_m;
-  };
-  std::span<const Point> along(std::uint32_t patch) const {
-    return std::span(points_).subspan(begin_[patch], begin_[patch + 1] - begin_[patch]);
-  }
-
- private:
-  std::vector<std::uint32_t> begin_;
-  std::vector<Point> points_;
-};
-
-/// What a scan says of one plane of the CELL.
-struct PlaneSeen {
-  bool confirmed = false, tight = false, hidden = true, seen_through = true;
-
-  PlaneSeen(std::span<const DirectionImage::Point> points, const Eigen::Vector3f& at,
-            const Eigen::Vector3f& normal) {
-    constexpr float kTightM = 0.1f;
-    const float range = at.norm();
-    const float tolerance = std::max(0.5f, 0.05f * range);
-    const float through = range + std::max(static_cast<float>(kBlockedM), 0.1f * range);
-    for (const DirectionImage::Point& p : points) {
-      const bool agrees = std::abs(p.range_m - range) <= tolerance;
-      confirmed |= agrees;
-      tight |= agrees && std::abs(normal.dot(p.position - at)) <= kTightM;
-      hidden &= p.range_m < range - tolerance;
-      seen_through &= p.range_m > through;
-    }
-  }
-};
-
-/// Where the planes of a CELL that are not level meet their rays, and their normals, in the frame
-/// of a scan.
-UprightSurfaces upright_structure(const RegistrationTarget& target, const Pose& T_scan_cell) {
-  UprightSurfaces structure;
-  const Cell& cell = target.cell();
-  for (std::size_t k = 0; k < cell.planes.size(); ++k) {
-    const Plane& plane = cell.planes[k];
-    if (is_level(plane)) continue;
-    const Eigen::Vector3d p = T_scan_cell * (static_cast<double>(plane.distance_m) *
-                                             target.lattice().direction(cell.indices[k]));
-    const Eigen::Vector3d n = T_scan_cell.linear() * Eigen::Vector3d(plane.nx, plane.ny, plane.nz);
-    structure.points.push_back(p.cast<float>());
-    structure.normals.push_back(n.cast<float>());
-  }
-  return structure;
-}
-
-void score_reverse(const RegistrationTarget& target, const PointCloud& scan,
-                   const Pose& T_cell_scan, StructureScores& scores) {
-  constexpr std::size_t kFewestPoints = 2;
-  const Lattice lattice({LatticeKind::kFibonacci, kScanLatticeSize});
-  const DirectionImage image(lattice, scan);
-  const UprightSurfaces structure = upright_structure(target, T_cell_scan.inverse());
-  const std::vector<std::uint32_t> patch = nearest_of(lattice, structure.points);
+void score_reverse(const RegistrationTarget& target, const ScanView& scan, const Pose& T_cell_scan,
+                   StructureScores& scores) {
   std::size_t planes = 0, confirmed = 0, tight = 0, seen_through = 0, visible = 0;
-  for (std::size_t k = 0; k < patch.size(); ++k) {
-    if (patch[k] == Lattice::kNowhere) continue;
-    const auto points = image.along(patch[k]);
-    if (points.size() < kFewestPoints) continue;
-    const PlaneSeen seen(points, structure.points[k], structure.normals[k]);
+  look_at_upright_planes(target, scan, T_cell_scan, 1, [&](const Eigen::Vector3f&, PlaneSeen seen) {
     ++planes;
     confirmed += seen.confirmed;
     tight += seen.tight;
     visible += !seen.hidden;
     seen_through += seen.seen_through;
-  }
+  });
   scores.planes = static_cast<std::uint32_t>(planes);
   scores.confirmed_ratio = share(confirmed, planes);
   scores.tight_ratio = share(tight, planes);
@@ -139,12 +57,78 @@ void score_reverse(const RegistrationTarget& target, const PointCloud& scan,
   scores.share_seen_through = share(seen_through, planes);
 }
 
+/// Natural logarithm of the odds that a pose is right, by one CELL.
+double log_odds(const StructureScores& scores, double weakest_share) {
+  constexpr double kHeldWell = 0.06, kNotHeld = 1e-3, kNever = -100;
+  if (scores.planes < kFewestPlanes || scores.points < kFewestStructurePoints) return kNever;
+  const double held = std::log(std::clamp(weakest_share, kNotHeld, kHeldWell));
+  return 29.24 * scores.tight_ratio + 0.61 * scores.visible_tight_ratio + 5.74 * held + 2.77;
+}
+
+double probability(double log_odds) { return 1 / (1 + std::exp(-log_odds)); }
+
 }  // namespace
+
+StructurePoints structure_points(const RegistrationTarget& target, const PointCloud& scan,
+                                 const Pose& T_cell_scan) {
+  const HitDistances hits = MatchedTerm({&target, &scan, false}, 1).distances(T_cell_scan);
+  StructurePoints seen;
+  for (std::size_t i = 0; i < hits.plane.size(); ++i) {
+    const double distance = hits.distance_m[i];
+    if (is_level(target.cell().planes[hits.plane[i]]) && std::abs(distance) <= kOffLevelM) continue;
+    ++seen.points;
+    seen.inliers += std::abs(distance) <= kInlierM;
+    seen.in_front += distance > kBlockedM;
+  }
+  return seen;
+}
+
+void look_at_upright_planes(
+    const RegistrationTarget& target, const ScanView& scan, const Pose& T_cell_scan,
+    std::size_t step, const std::function<void(const Eigen::Vector3f&, const PlaneSeen&)>& visit) {
+  constexpr std::size_t kFewestPoints = 2;
+  const Cell& cell = target.cell();
+  const Pose T_scan_cell = T_cell_scan.inverse();
+  PointCloud at;
+  std::vector<Eigen::Vector3f> normals;
+  for (std::size_t k = 0; k < cell.planes.size(); k += step) {
+    const Plane& plane = cell.planes[k];
+    if (is_level(plane)) continue;
+    const Eigen::Vector3d p = T_scan_cell * (static_cast<double>(plane.distance_m) *
+                                             target.lattice().direction(cell.indices[k]));
+    const Eigen::Vector3d n = T_scan_cell.linear() * Eigen::Vector3d(plane.nx, plane.ny, plane.nz);
+    at.push_back(p.cast<float>());
+    normals.push_back(n.cast<float>());
+  }
+  const std::vector<std::uint32_t> patch = scan.patches_of(at);
+  for (std::size_t k = 0; k < patch.size(); ++k) {
+    if (patch[k] == Lattice::kNowhere) continue;
+    const auto points = scan.along(patch[k]);
+    if (points.size() >= kFewestPoints) visit(at[k], PlaneSeen(points, at[k], normals[k]));
+  }
+}
+
+double quick_tight_ratio(const RegistrationTarget& target, const ScanView& scan,
+                         const Pose& T_cell_scan) {
+  constexpr std::size_t kEveryThird = 3;
+  std::size_t planes = 0, tight = 0;
+  look_at_upright_planes(target, scan, T_cell_scan, kEveryThird,
+                         [&](const Eigen::Vector3f&, const PlaneSeen& seen) {
+                           ++planes;
+                           tight += seen.tight;
+                         });
+  return kEveryThird * planes < kFewestPlanes ? 0.0 : share(tight, planes);
+}
 
 StructureScores score_structure(const RegistrationTarget& target, const PointCloud& scan,
                                 const Pose& T_cell_scan) {
+  return score_structure(target, ScanView(scan), T_cell_scan);
+}
+
+StructureScores score_structure(const RegistrationTarget& target, const ScanView& scan,
+                                const Pose& T_cell_scan) {
   StructureScores scores;
-  score_forward(target, scan, T_cell_scan, scores);
+  score_forward(target, scan.points(), T_cell_scan, scores);
   score_reverse(target, scan, T_cell_scan, scores);
   return scores;
 }
@@ -192,12 +176,19 @@ bool is_acceptable(const StructureScores& scores, const StructureAcceptance& opt
 }
 
 double confidence_of(const StructureScores& scores, double weakest_share) {
-  constexpr double kHeldWell = 0.06, kNotHeld = 1e-3;
-  if (scores.planes < kFewestPlanes || scores.points < kFewestStructurePoints) return 0.0;
-  const double held = std::log(std::clamp(weakest_share, kNotHeld, kHeldWell));
-  const double logit =
-      29.24 * scores.tight_ratio + 0.61 * scores.visible_tight_ratio + 5.74 * held + 2.77;
-  return 1 / (1 + std::exp(-logit));
+  return probability(log_odds(scores, weakest_share));
+}
+
+double confidence_of(const StructureScores& scores, const SurroundingsScores& surroundings,
+                     double weakest_share) {
+  const double own = log_odds(scores, weakest_share);
+  if (surroundings.cells < kFewestAround) return probability(own);
+  // A narrow view may show one wall to many CELLs: little that agrees is no more than no doubt.
+  const double around =
+      surroundings.parts < kFewestParts
+          ? std::min(0.0, kOddsOfAround * (agreement(surroundings) - kEvenAroundNarrow))
+          : kOddsOfAround * (agreement(surroundings) - kEvenAround);
+  return probability(own + around);
 }
 
 AcceptanceOptions searched_place_acceptance() {

@@ -1,8 +1,15 @@
 #pragma once
 
+#include <functional>
+
+#include "cellmap/place/scan_view.hpp"
+#include "cellmap/place/surroundings.hpp"
 #include "cellmap/registration/registration.hpp"
 
 namespace cellmap {
+
+/// With fewer CELLs around a pose than this, its own among them, they are no second opinion.
+constexpr std::uint32_t kFewestAround = 3;
 
 /// How well a scan and a CELL agree about what stands upright. The ground is much the same
 /// everywhere and gives most of the points, so the scores of a registration are high at any place
@@ -34,6 +41,28 @@ struct StructureScores {
 /// Serial; about 0.1 us a point and a plane.
 StructureScores score_structure(const RegistrationTarget& target, const PointCloud& scan,
                                 const Pose& T_cell_scan);
+
+/// The same for a scan that is asked often.
+StructureScores score_structure(const RegistrationTarget& target, const ScanView& scan,
+                                const Pose& T_cell_scan);
+
+/// Points of a scan that hit an upright plane, or lie off a level one.
+struct StructurePoints {
+  std::uint32_t points = 0, inliers = 0, in_front = 0;  ///< as in StructureScores
+};
+StructurePoints structure_points(const RegistrationTarget& target, const PointCloud& scan,
+                                 const Pose& T_cell_scan);
+
+/// Visits, of every `step`-th plane of the CELL, those steeper than 45 deg in whose directions the
+/// scan has points: where it is in the frame of the scan, and what the scan says of it.
+void look_at_upright_planes(
+    const RegistrationTarget& target, const ScanView& scan, const Pose& T_cell_scan,
+    std::size_t step, const std::function<void(const Eigen::Vector3f&, const PlaneSeen&)>& visit);
+
+/// `tight_ratio` of a third of the planes: a tenth of the cost of registering as many points. 0
+/// where there are too few.
+double quick_tight_ratio(const RegistrationTarget& target, const ScanView& scan,
+                         const Pose& T_cell_scan);
 
 /// Surfaces of a scan that stand upright: points with the unit normals of what they lie on.
 struct UprightSurfaces {
@@ -77,6 +106,9 @@ bool is_acceptable(const StructureScores& scores, const StructureAcceptance& opt
 /// checked: other simulated cities, the other loop queries, MulRan (OS1-64) and a Livox Avia; the
 /// verb prints how often answers of a confidence are right.
 double confidence_of(const StructureScores& scores, double weakest_share);
+/// The same, of which the CELLs around were asked.
+double confidence_of(const StructureScores& scores, const SurroundingsScores& surroundings,
+                     double weakest_share);
 
 /// What the registration at such a place must reach beside it: little. A fifth of a scan may lie on
 /// people and cars that the CELL does not know; the confidence knows them from walls.

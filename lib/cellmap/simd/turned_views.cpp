@@ -55,6 +55,25 @@ void CorrelateTurned(const TurnedViews& views, const float* cosine, const float*
   }
 }
 
+float BestTurned(const TurnedViews& views, const float* cosine, const float* sine,
+                 std::size_t harmonics) {
+  const F f;
+  VF even[TurnedViews::kMostHarmonics], odd[TurnedViews::kMostHarmonics];
+  VF best = hn::Set(f, -2.0f);
+  for (std::size_t first = 0; first < kViews; first += hn::Lanes(f)) {
+    multiply(views, cosine, sine, first, harmonics, even, odd);
+    for (std::size_t t = 0; t <= kTurns / 2; ++t) {
+      VF a = hn::Zero(f), b = hn::Zero(f);
+      for (std::size_t k = 0; k < harmonics; ++k) {
+        a = hn::Add(a, hn::Mul(even[k], hn::Set(f, views.cosine_of_turn[k * kTurns + t])));
+        b = hn::Add(b, hn::Mul(odd[k], hn::Set(f, views.sine_of_turn[k * kTurns + t])));
+      }
+      best = hn::Max(best, hn::Max(hn::Sub(a, b), hn::Add(a, b)));
+    }
+  }
+  return hn::GetLane(hn::MaxOfLanes(f, best));
+}
+
 }  // namespace
 }  // namespace cellmap::simd::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -63,10 +82,16 @@ HWY_AFTER_NAMESPACE();
 namespace cellmap::simd {
 
 HWY_EXPORT(CorrelateTurned);
+HWY_EXPORT(BestTurned);
 
 void correlate_turned(const TurnedViews& views, const float* cosine, const float* sine,
                       std::size_t harmonics, std::array<float, TurnedViews::kTurns>& best) {
   HWY_DYNAMIC_DISPATCH(CorrelateTurned)(views, cosine, sine, harmonics, best.data());
+}
+
+float best_turned(const TurnedViews& views, const float* cosine, const float* sine,
+                  std::size_t harmonics) {
+  return HWY_DYNAMIC_DISPATCH(BestTurned)(views, cosine, sine, harmonics);
 }
 
 }  // namespace cellmap::simd

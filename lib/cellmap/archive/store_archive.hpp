@@ -1,0 +1,32 @@
+#pragma once
+
+#include <stop_token>
+#include <string>
+
+#include "cellmap/archive/archive_reader.hpp"
+#include "cellmap/archive/archive_writer.hpp"
+#include "cellmap/core/progress.hpp"
+#include "cellmap/store/store.hpp"
+
+namespace cellmap {
+
+/// Writes a map of a store into an empty file, as it is at one revision: CELLs under their ids,
+/// poses, constraints, sessions, scans, georeference. One CELL in memory at a time. Throws what the
+/// store and `ArchiveWriter` throw, Error{kCancelled} when stopped.
+void archive_map(const Store& store, const std::string& map, ByteFile& file,
+                 const ArchiveOptions& options, const std::stop_token& stop = {},
+                 const ProgressCallback& progress = {});
+
+/// Makes the map `map` of what an archive holds; CELLs keep their ids, constraints are numbered
+/// anew. Every hash is verified. Of a compact archive come the decoded planes: CELLs of their own,
+/// with hashes of their own. Throws Error{kAlreadyExists} where the name is taken; where it fails
+/// later, or is stopped, the map is deleted again. One CELL in memory at a time.
+MapInfo restore_map(ArchiveReader& archive, Store& store, const std::string& map,
+                    const std::stop_token& stop = {}, const ProgressCallback& progress = {});
+
+/// What an archive says of its map, as a store would. `stored_bytes` are those of the records.
+MapInfo map_info(ArchiveReader& archive);
+/// By id; `added` and `moved` are the archive's revision.
+std::vector<CellRecord> cell_records(ArchiveReader& archive);
+
+}  // namespace cellmap

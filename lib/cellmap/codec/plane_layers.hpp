@@ -1,0 +1,74 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <span>
+#include <vector>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/index_coding.hpp"
+#include "cellmap/codec/plane_prediction.hpp"
+
+namespace cellmap {
+
+/// Index and planes of one layer of a CELL as bytes.
+struct CodedLayer {
+  Bytes bytes;
+  std::size_t planes = 0;
+};
+using CodedLayers = std::array<CodedLayer, kPlaneLayers>;
+
+/// The same as it is read.
+struct LayerView {
+  std::span<const std::byte> bytes;
+  std::size_t planes = 0;
+};
+
+/// Ascending lattice indices and their planes.
+struct DecodedPlanes {
+  std::vector<std::uint32_t> indices;
+  std::vector<Plane> planes;
+};
+
+/// Where a plane is, as its coders see it.
+struct Patch {
+  std::size_t sphere = 0;
+  std::uint32_t point = 0;  ///< of the sphere
+  PatchFrame frame;
+};
+
+/// Calls `use(k, sphere, point of it)` for each of the lattice points, which ascend.
+template <typename Use>
+void visit_points(const CodingLattice& lattice, std::span<const std::uint32_t> indices,
+                  const Use& use) {
+  std::size_t sphere = 0;
+  for (std::size_t k = 0; k < indices.size(); ++k) {
+    while (indices[k] >= lattice.spheres[sphere].first + lattice.spheres[sphere].count) ++sphere;
+    use(k, sphere, lattice.spheres[sphere].point(indices[k] - lattice.spheres[sphere].first));
+  }
+}
+
+/// Calls `use(k, Patch)` for each of the lattice points, which ascend.
+template <typename Use>
+void visit_patches(const CodingLattice& lattice, std::span<const std::uint32_t> indices,
+                   const Use& use) {
+  constexpr std::size_t kBlock = 256;
+  std::array<double, kBlock> x, y, z;
+  std::size_t sphere = 0;
+  for (std::size_t begin = 0; begin < indices.size(); begin += kBlock) {
+    const auto part = indices.subspan(begin, std::min(kBlock, indices.size() - begin));
+    lattice.lattice.directions(part, x.data(), y.data(), z.data());
+    for (std::size_t k = 0; k < part.size(); ++k) {
+      while (part[k] >= lattice.spheres[sphere].first + lattice.spheres[sphere].count) ++sphere;
+      const std::uint32_t point =
+          lattice.spheres[sphere].point(part[k] - lattice.spheres[sphere].first);
+      use(begin + k, Patch{sphere, point, PatchFrame({x[k], y[k], z[k]})});
+    }
+  }
+}
+
+/// Adds a layer to what is decoded, so that lattice indices ascend.
+void merge_layer(DecodedPlanes& decoded, DecodedPlanes layer);
+
+}  // namespace cellmap

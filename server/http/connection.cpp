@@ -1,0 +1,156 @@
+#include "server/http/connection.hpp"
+
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+
+namespace cellmap::server {
+namespace {
+
+constexpr std::size_t kBlockBytes = 64u << 10;
+/// Up to here pieces are joined; a longer one is sent from where it lies.
+constexpr std::size_t kJoinBytes = 16u << 10;
+
+bool would_block() { return errno == EAGAIN || errno == EWOULDBLOCK; }
+
+}  // namespace
+
+Connection::Connection(int socket, const ConnectionLimits& limits, const std::atomic<bool>& stop)
+    : socket_(socket), limits_(limits), stop_(stop), start_(Clock::now()) {}
+
+Connection::~Connection() { ::close(socket_); }
+
+bool Connection::receive() {
+  if (begin_ == input_.size()) {
+    input_.clear();
+    begin_ = 0;
+  }
+  std::array<char, kBlockBytes> block;
+  ssize_t received;
+  do {
+    received = ::recv(socket_, block.data(), block.size(), MSG_DONTWAIT);
+  } while (received < 0 && errno == EINTR);
+  if (received <= 0) return received < 0 && would_block();
+  input_.append(block.data(), static_cast<std::size_t>(received));
+  bytes_received_ += static_cast<std::size_t>(received);
+  return true;
+}
+
+void Connection::begin(bool patient) {
+  patient_ = patient;
+  at_once_ = false;
+  start_ = Clock::now();
+  bytes_received_ = 0;
+}
+
+Clock::time_point Connection::slowest(Clock::time_point start, std::chrono::milliseconds timeout,
+                                      std::size_t bytes) const {
+  return start + timeout + std::chrono::seconds(bytes / limits_.slowest_bytes_per_s);
+}
+
+/// In short steps, so that a stop is noticed.
+bool Connection::wait(short events, Clock::time_point deadline) const {
+  constexpr std::chrono::milliseconds kStep(100);
+  for (;;) {
+    const auto left =
+        std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
+    if (left.count() <= 0) return false;
+    pollfd entry{socket_, events, 0};
+    const int ready = ::poll(&entry, 1, static_cast<int>(std::min(left, kStep).count()) + 1);
+    if (ready > 0) return true;
+    if (ready < 0 && errno != EINTR) return false;
+    if (stop_ && events == POLLIN) return false;
+  }
+}
+
+std::size_t Connection::read(char* data, std::size_t size) {
+  if (begin_ == input_.size()) {
+    if (!flush()) return 0;
+    while (begin_ == input_.size()) {
+      if (!wait(POLLIN, slowest(start_, limits_.read_timeout, bytes_received_))) return 0;
+      if (!receive()) return 0;
+    }
+  }
+  size = std::min(size, input_.size() - begin_);
+  std::copy_n(input_.data() + begin_, size, data);
+  begin_ += size;
+  return size;
+}
+
+/// Sends what the socket takes, and waits for it to take all where the worker is patient.
+bool Connection::send_now(std::string_view data, std::size_t& sent) {
+  const auto start = Clock::now();
+  sent = 0;
+  while (sent < data.size()) {
+    const ssize_t taken =
+        ::send(socket_, data.data() + sent, data.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (taken >= 0) {
+      sent += static_cast<std::size_t>(taken);
+    } else if (would_block()) {
+      if (!patient_) return true;
+      if (!wait(POLLOUT, slowest(start, limits_.write_timeout, sent))) return false;
+    } else if (errno != EINTR) {
+      return false;
+    }
+  }
+  return true;
+}
+
+bool Connection::write(std::string_view data) {
+  if (output_.size() + data.size() <= kJoinBytes) {
+    output_.append(data);
+    return !at_once_ || flush();
+  }
+  // The head goes with the first part of its body, in one packet where they fit.
+  if (output_.size() < kJoinBytes) {
+    const std::size_t part = kJoinBytes - output_.size();
+    output_.append(data.substr(0, part));
+    data.remove_prefix(part);
+  }
+  if (!flush()) return false;
+  std::size_t sent = 0;
+  if (pending() == 0 && !send_now(data, sent)) return false;
+  output_.append(data.substr(sent));
+  return true;
+}
+
+bool Connection::flush() {
+  std::size_t sent = 0;
+  if (!send_now(std::string_view(output_).substr(sent_), sent)) return false;
+  sent_ += sent;
+  if (pending() == 0) {
+    output_.clear();
+    sent_ = 0;
+  }
+  return true;
+}
+
+bool Connection::send_pending() {
+  patient_ = false;
+  return flush();
+}
+
+void Connection::half_close() { ::shutdown(socket_, SHUT_WR); }
+
+bool Connection::discard() {
+  input_.clear();
+  begin_ = 0;
+  std::array<char, 16384> waste;
+  for (;;) {
+    const ssize_t received = ::recv(socket_, waste.data(), waste.size(), MSG_DONTWAIT);
+    if (received == 0) return false;
+    if (received < 0) return would_block() || errno == EINTR;
+  }
+}
+
+bool Connection::is_closed_by_peer() const {
+  char byte;
+  const ssize_t received = ::recv(socket_, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
+  return received == 0 || (received < 0 && !would_block() && errno != EINTR);
+}
+
+}  // namespace cellmap::server
