@@ -55,7 +55,7 @@ TEST_F(DocumentsTest, ChangeNoRevision) {
 TEST_F(DocumentsTest, CanBeKeptByAStoreThatWasMadeBeforeThem) {
   store_.reset();
   {
-    SqliteConnection connection(file_, SqliteAccess::kReadWrite);
+    SqliteConnection connection(file_, SqliteAccess::kReadWrite, 1000);
     connection.execute("DROP TABLE document; PRAGMA user_version = 3");
   }
   store_ = open_sqlite_store(file_);
