@@ -25,6 +25,7 @@ struct Flags {
   std::string store;
   std::vector<std::string> listen{"127.0.0.1:8080"};
   std::vector<std::string> data_roots;
+  std::string viewer;
   int threads = 0;
   std::string log_level = "info";
   bool insecure = false;
@@ -38,6 +39,10 @@ void add_flags(CLI::App& app, Flags& flags) {
       ->capture_default_str();
   app.add_option("--data-root", flags.data_roots,
                  "A folder that ingest jobs may read data sets from (repeatable)");
+  app.add_option(
+      "--viewer", flags.viewer,
+      "Folder of the built viewer, served at /; default: the installed one, or the build "
+      "tree's");
   app.add_option("--threads", flags.threads, "Threads of one computation; 0: all")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
@@ -77,6 +82,18 @@ std::vector<fs::path> canonical_roots(const Flags& flags) {
   return roots;
 }
 
+/// The folder that was asked for, else where the viewer lies beside this program: as installed
+/// (PREFIX/bin) or in the build tree. Empty where it lies nowhere.
+fs::path viewer_folder(const Flags& flags) {
+  if (!flags.viewer.empty()) return flags.viewer;
+  std::error_code error;
+  const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
+  for (const char* place : {"../share/cellmap/web", "../web/dist"}) {
+    if (!error && fs::is_regular_file(here / place / "index.html")) return here / place;
+  }
+  return {};
+}
+
 /// Stops the server at the first SIGTERM or SIGINT. The signals are blocked in every thread, so
 /// that they wait here.
 std::thread stop_on_signal(sigset_t signals, cellmap::server::Api& api,
@@ -104,6 +121,7 @@ void serve(const Flags& flags) {
 
   cellmap::server::ApiOptions options;
   options.openapi = cellmap::server::openapi_text();
+  options.viewer = viewer_folder(flags);
   options.threads = flags.threads;
   options.jobs.data_roots = canonical_roots(flags);
   const auto store = cellmap::open_sqlite_store(flags.store);

@@ -49,6 +49,7 @@ Services::Services(Store& store_in, std::shared_ptr<spdlog::logger> log_in, ApiO
 Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
     : services_(std::make_unique<Services>(store, log ? std::move(log) : silent_log(),
                                            std::move(options))) {
+  add_viewer_routes(router_, *services_);
   add_service_routes(router_, *services_);
   add_map_routes(router_, *services_);
   add_cell_routes(router_, *services_);

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <filesystem>
 #include <memory>
 #include <semaphore>
 #include <string>
@@ -17,9 +18,10 @@
 namespace cellmap::server {
 
 struct ApiOptions {
-  std::string openapi;      ///< text of schema/openapi.yaml
-  int threads = 0;          ///< of one relocalisation or optimisation; 0: all
-  int relocalisations = 2;  ///< that run at a time; others wait up to `relocalisation_wait`
+  std::string openapi;           ///< text of schema/openapi.yaml
+  std::filesystem::path viewer;  ///< folder of the built viewer; empty: none
+  int threads = 0;               ///< of one relocalisation or optimisation; 0: all
+  int relocalisations = 2;       ///< that run at a time; others wait up to `relocalisation_wait`
   std::chrono::milliseconds relocalisation_wait = std::chrono::seconds(10);
   int max_followers = 64;  ///< clients that follow jobs or maps at a time
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
@@ -71,6 +73,7 @@ class Api {
 };
 
 // One file a resource.
+void add_viewer_routes(Router& router, Services& services);
 void add_service_routes(Router& router, Services& services);
 void add_map_routes(Router& router, Services& services);
 void add_cell_routes(Router& router, Services& services);

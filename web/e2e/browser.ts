@@ -1,0 +1,98 @@
+import { mkdirSync, mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { type BrowserContext, chromium, type Page } from "playwright-core";
+
+const FLAGS = [
+  "--headless",
+  "--no-sandbox",
+  "--disable-gpu",
+  "--disable-quic",
+  "--no-first-run",
+  "--disable-background-networking",
+  "--disable-component-update",
+  "--disable-sync",
+];
+
+/** Chromium with a profile of its own; what its pages complain of is kept. */
+export class Browser {
+  readonly complaints: string[] = [];
+
+  private constructor(
+    private readonly context: BrowserContext,
+    private readonly profile: string,
+  ) {}
+
+  static async open(options: { webgl?: boolean } = {}): Promise<Browser> {
+    const profile = mkdtempSync(join(tmpdir(), "cellmap-chromium-"));
+    const drawing = options.webgl === false ? ["--disable-3d-apis"] : ["--enable-unsafe-swiftshader"];
+    const context = await chromium.launchPersistentContext(profile, {
+      executablePath: "/usr/bin/chromium",
+      headless: true,
+      args: [...FLAGS, ...drawing],
+      viewport: { width: 1200, height: 760 },
+      colorScheme: "dark",
+    });
+    return new Browser(context, profile);
+  }
+
+  async page(): Promise<Page> {
+    const page = await this.context.newPage();
+    page.on("pageerror", (error) => this.complaints.push(String(error)));
+    page.on("console", (message) => {
+      if (message.type() === "error") this.complaints.push(message.text());
+    });
+    return page;
+  }
+
+  async close(): Promise<void> {
+    await this.context.close();
+    rmSync(this.profile, { recursive: true, force: true });
+  }
+}
+
+/** What tests see of the scene that the page puts on `window`. */
+interface SceneOnWindow {
+  cellmapScene: {
+    figures(): { patches: number; loaded: number; wanted: number };
+    stage: { renderer: { render(a: unknown, b: unknown): void; getContext(): WebGL2RenderingContext }; scene: unknown; camera: unknown };
+  };
+}
+
+/** Waits until all CELLs in sight are there. */
+export async function loaded(page: Page): Promise<void> {
+  await page.waitForFunction(
+    () => {
+      const scene = (window as unknown as SceneOnWindow).cellmapScene;
+      const figures = scene?.figures();
+      return figures !== undefined && figures.wanted > 0 && figures.loaded === figures.wanted && figures.patches > 0;
+    },
+    undefined,
+    { timeout: 40_000 },
+  );
+}
+
+/** Every 7th pixel of the canvas, drawn anew: how many colours it has, and a number that names the picture. */
+export async function picture(page: Page): Promise<{ colours: number; name: number }> {
+  return page.evaluate(() => {
+    const { stage } = (window as unknown as SceneOnWindow).cellmapScene;
+    stage.renderer.render(stage.scene, stage.camera);
+    const gl = stage.renderer.getContext();
+    const pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+    gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const colours = new Set<number>();
+    let name = 0;
+    for (let i = 0; i < pixels.length; i += 28) {
+      const colour = (pixels[i]! << 16) | (pixels[i + 1]! << 8) | pixels[i + 2]!;
+      colours.add(colour);
+      name = (name * 31 + colour) | 0;
+    }
+    return { colours: colours.size, name };
+  });
+}
+
+/** Beside the test results: screenshots/NAME.png. */
+export async function screenshot(page: Page, name: string): Promise<void> {
+  mkdirSync("screenshots", { recursive: true });
+  await page.screenshot({ path: `screenshots/${name}.png` });
+}

@@ -1,0 +1,70 @@
+import { type ChildProcess, execFileSync, spawn } from "node:child_process";
+import { cpSync, mkdtempSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+
+const cellmap = process.env.CELLMAP_PROGRAM!;
+const cellmapd = process.env.CELLMAPD_PROGRAM!;
+
+/** A small drive and the map of it, in a folder of its own. */
+export class Town {
+  readonly folder = mkdtempSync(join(tmpdir(), "cellmap-web-"));
+  readonly store = join(this.folder, "map.db");
+
+  constructor() {
+    const drive = join(this.folder, "drive");
+    const run = (...args: string[]): void => void execFileSync(cellmap, args, { stdio: "pipe" });
+    run("simulate", "--route", "town", "--scans", "70", "--columns", "700", "--odometry", "drift", "--out", drive, "--json");
+    run("build", drive, "--store", this.store, "--map", "town", "--session", "monday", "--lattice-size", "20000", "--json");
+  }
+
+  scan(index: number): string {
+    return join(this.folder, "drive/velodyne", `${String(index).padStart(6, "0")}.bin`);
+  }
+
+  /** The same store with the map as it was made. */
+  copy(name: string): string {
+    const to = join(this.folder, name);
+    cpSync(this.store, to);
+    return to;
+  }
+
+  remove(): void {
+    rmSync(this.folder, { recursive: true, force: true });
+  }
+}
+
+/** A running cellmapd on a free port. */
+export class Cellmapd {
+  private constructor(
+    private readonly process: ChildProcess,
+    readonly url: string,
+  ) {}
+
+  static async start(store: string, ...flags: string[]): Promise<Cellmapd> {
+    const child = spawn(cellmapd, ["--store", store, "--listen", "127.0.0.1:0", "--threads", "2", "--log-level", "error", ...flags]);
+    const url = await new Promise<string>((resolve, reject) => {
+      let text = "";
+      child.stdout.on("data", (chunk: Buffer) => {
+        text += chunk.toString();
+        const found = /http:\/\/\S+/.exec(text);
+        if (found) resolve(found[0]);
+      });
+      child.stderr.on("data", (chunk: Buffer) => (text += chunk.toString()));
+      child.on("exit", () => reject(new Error(`cellmapd ended: ${text}`)));
+    });
+    return new Cellmapd(child, url);
+  }
+
+  async json<T>(path: string, init?: RequestInit): Promise<T> {
+    const response = await fetch(this.url + path, { headers: { "Content-Type": "application/json" }, ...init });
+    return (await response.json()) as T;
+  }
+
+  async stop(): Promise<void> {
+    if (this.process.exitCode !== null) return;
+    const ended = new Promise((resolve) => this.process.once("exit", resolve));
+    this.process.kill();
+    await ended;
+  }
+}

@@ -1,0 +1,232 @@
+import { readFileSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+import type { Page } from "playwright-core";
+import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, test } from "vitest";
+
+import { Browser, loaded, picture, screenshot } from "./browser";
+import { Cellmapd, Town } from "./cellmapd";
+
+let town: Town;
+let server: Cellmapd;
+let browser: Browser;
+let page: Page;
+
+beforeAll(async () => {
+  town = new Town();
+  server = await Cellmapd.start(town.store, "--data-root", town.folder);
+  browser = await Browser.open();
+});
+afterAll(async () => {
+  await browser?.close();
+  await server?.stop();
+  town?.remove();
+});
+beforeEach(async () => {
+  browser.complaints.length = 0;
+  page = await browser.page();
+});
+afterEach(() => page.close());
+
+/** Opens the map with few enough patches for drawing in software. */
+async function openMap(hash = "#/town", url = server.url): Promise<void> {
+  await page.goto(`${url}/?budget=12000${hash}`);
+  await loaded(page);
+}
+
+async function drop(file: string, name: string): Promise<void> {
+  const content = readFileSync(file).toString("base64");
+  const transfer = await page.evaluateHandle(
+    ({ content, name }) => {
+      const bytes = Uint8Array.from(atob(content), (c) => c.charCodeAt(0));
+      const data = new DataTransfer();
+      data.items.add(new File([bytes], name));
+      return data;
+    },
+    { content, name },
+  );
+  await page.dispatchEvent(".stage", "dragover", { dataTransfer: transfer });
+  await page.dispatchEvent(".stage", "drop", { dataTransfer: transfer });
+}
+
+describe("with a map", () => {
+  test("the first page says what a CELLmap is and lists the maps", async () => {
+    await page.goto(server.url);
+    await page.getByRole("link", { name: /town/ }).waitFor();
+    expect(await page.getByRole("heading", { level: 1 }).textContent()).toMatch(/maps/i);
+    await screenshot(page, "01-maps");
+    await page.getByRole("button", { name: /theme/ }).click();
+    await screenshot(page, "02-maps-light");
+    await page.getByRole("button", { name: /theme/ }).click();
+    await page.getByRole("link", { name: /town/ }).click();
+    await loaded(page);
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("the map is drawn, and the picture changes with the camera and the colouring", async () => {
+    await openMap();
+    const first = await picture(page);
+    expect(first.colours).toBeGreaterThan(50);
+    await screenshot(page, "03-map");
+    await page.locator("canvas").focus();
+    for (let i = 0; i < 4; ++i) await page.keyboard.press("q");
+    await page.keyboard.press("+");
+    await loaded(page);
+    const turned = await picture(page);
+    expect(turned.name).not.toBe(first.name);
+    await page.getByText("height", { exact: true }).click();
+    expect((await picture(page)).name).not.toBe(turned.name);
+    await screenshot(page, "04-map-height");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a link brings back the view", async () => {
+    await openMap("#/town?colour=session&view=0,-40,30,10,0,0");
+    const address = new URL(page.url());
+    expect(address.hash).toContain("view=0.0,-40.0,30.0,10.0,0.0,0.0");
+    expect(await page.getByRole("radio", { name: "session" }).isChecked()).toBe(true);
+    const before = await picture(page);
+    const again = await browser.page();
+    await again.goto(page.url());
+    await loaded(again);
+    expect((await picture(again)).name).toBe(before.name);
+    await again.close();
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a CELL opens: its sphere, and patches that slide out along their rays", async () => {
+    await openMap("#/town?cell=5");
+    await page.getByRole("heading", { name: "CELL 5" }).waitFor();
+    await page.getByLabel(/Up close/).check();
+    await page.getByLabel(/From the sphere/).waitFor();
+    await loaded(page);
+    const sphere = await picture(page);
+    await screenshot(page, "05-cell-sphere");
+    await page.getByLabel(/From the sphere/).fill("70");
+    const sliding = await picture(page);
+    expect(sliding.name).not.toBe(sphere.name);
+    await screenshot(page, "06-cell-planes");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a dropped scan is found where it was taken", async () => {
+    await openMap();
+    await drop(town.scan(40), "000040.bin");
+    await page.getByRole("heading", { name: /Found near CELL/ }).waitFor({ timeout: 30_000 });
+    const position = await page.locator(".facts dd").first().textContent();
+    const [x, y] = position!.split(",").map(parseFloat) as [number, number];
+    const graph = await server.json<{ cells: { pose: number[] }[] }>("/v1/maps/town/cells");
+    const nearest = Math.min(...graph.cells.map(({ pose }) => Math.hypot(pose[0]! - x, pose[1]! - y)));
+    expect(nearest).toBeLessThan(6.5);
+    await loaded(page);
+    await screenshot(page, "07-where-am-i");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a file that is no scan is refused with a reason", async () => {
+    await openMap();
+    const odd = join(town.folder, "odd.bin");
+    writeFileSync(odd, "not a scan");
+    await drop(odd, "odd.bin");
+    await page.getByRole("alert").filter({ hasText: "whole points of 16" }).waitFor();
+    await drop(odd, "picture.png");
+    await page.getByRole("alert").filter({ hasText: "Expected a scan" }).waitFor();
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a job's progress is shown and its CELLs appear", async () => {
+    await openMap("#/town?tab=jobs");
+    await page.getByText("Map another drive").click();
+    await page.getByLabel(/Folder of the drive/).fill(join(town.folder, "drive"));
+    await page.getByLabel(/Session/).fill("tuesday");
+    await page.getByRole("button", { name: "Start ingest" }).click();
+    await page.locator('.job[data-state="running"]').waitFor();
+    await screenshot(page, "08-job");
+    await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 50_000 });
+    await page.getByRole("tab", { name: "Map" }).click();
+    await page.getByRole("button", { name: /tuesday/ }).waitFor();
+    expect(browser.complaints).toEqual([]);
+  });
+});
+
+describe("loops", () => {
+  let ours: Cellmapd;
+  beforeAll(async () => {
+    ours = await Cellmapd.start(town.copy("loops.db"));
+  });
+  afterAll(() => ours?.stop());
+
+  test("deleting one moves the CELLs that it held", async () => {
+    const { cells } = await ours.json<{ cells: { id: number; pose: number[] }[] }>("/v1/maps/town/cells");
+    const [first, last] = [cells[0]!, cells.at(-1)!];
+    const offset = [last.pose[0]! - first.pose[0]!, last.pose[1]! - first.pose[1]! + 4, last.pose[2]! - first.pose[2]!];
+    const { loops } = await ours.json<{ loops: { id: number }[] }>("/v1/maps/town/loops", {
+      method: "POST",
+      body: JSON.stringify({ from: first.id, to: last.id, pose: [...offset, 0, 0, 0, 1] }),
+    });
+    await ours.json(`/v1/maps/town/loops/${loops[0]!.id}`, { method: "PATCH", body: JSON.stringify({ pinned: true }) });
+    await openMap("#/town?tab=graph", ours.url);
+    await page.getByRole("button", { name: new RegExp(`CELL ${first.id} - CELL ${last.id}`) }).click();
+    await page.getByRole("heading", { name: /Loop \d+: pinned/ }).waitFor();
+    const held = await picture(page);
+    await screenshot(page, "09-loop");
+    await page.getByRole("button", { name: "Delete loop" }).click();
+    await page.locator(".box.good", { hasText: /is gone; \d+ CELLs moved/ }).waitFor();
+    await page.getByText("0 loops").waitFor();
+    await page.waitForTimeout(1500);
+    expect((await picture(page)).name).not.toBe(held.name);
+    await screenshot(page, "10-loop-deleted");
+    expect(browser.complaints).toEqual([]);
+  });
+});
+
+describe("when something is wrong", () => {
+  test("a map that is not there is said to be missing", async () => {
+    await page.goto(`${server.url}/#/atlantis`);
+    await page.getByRole("alert").filter({ hasText: "no such map" }).waitFor();
+    await screenshot(page, "11-no-such-map");
+  });
+
+  test("a server that goes away is noticed, and what was seen stays", async () => {
+    const ours = await Cellmapd.start(town.copy("gone.db"));
+    await openMap("#/town", ours.url);
+    await ours.stop();
+    await page.getByText("connection lost").waitFor({ timeout: 20_000 });
+    expect((await picture(page)).colours).toBeGreaterThan(50);
+    await page.getByRole("link", { name: /all maps/ }).click();
+    await page.getByRole("alert").filter({ hasText: "does not answer" }).waitFor();
+    await screenshot(page, "12-server-gone");
+  });
+
+  test("a damaged CELL is named and the others are drawn", async () => {
+    await page.route("**/cells:batch", async (route) => {
+      const response = await route.fetch();
+      const body = await response.body();
+      body[8 + 500]! ^= 4;
+      await route.fulfill({ response, body });
+    });
+    await openMap();
+    await page.getByRole("alert").filter({ hasText: "cannot be shown" }).waitFor();
+    expect((await picture(page)).colours).toBeGreaterThan(50);
+    await screenshot(page, "13-damaged-cell");
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("a server without maps says how to make one", async () => {
+    const empty = await Cellmapd.start(join(town.folder, "empty.db"));
+    await page.goto(empty.url);
+    await page.getByText("No maps yet").waitFor();
+    await screenshot(page, "14-no-maps");
+    await empty.stop();
+    expect(browser.complaints).toEqual([]);
+  });
+
+  test("without WebGL the figures are still there", async () => {
+    const plain = await Browser.open({ webgl: false });
+    const flat = await plain.page();
+    await flat.goto(`${server.url}/#/town`);
+    await flat.getByText("no WebGL").waitFor();
+    await flat.getByRole("button", { name: /monday/ }).waitFor();
+    await screenshot(flat, "15-no-webgl");
+    await plain.close();
+  });
+});

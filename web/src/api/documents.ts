@@ -1,0 +1,101 @@
+// The JSON documents of the server (schema/openapi.yaml), as far as the viewer reads them.
+
+/** [x, y, z, qx, qy, qz, qw] */
+export type PoseArray = [number, number, number, number, number, number, number];
+type Vector3 = [number, number, number];
+
+export interface MapSummary {
+  name: string;
+  lattice: { kind: "fibonacci" | "fibonacci-bands"; size: number };
+  revision: number;
+  created: string;
+  cells: number;
+  planes: number;
+  constraints: number;
+  encoded_bytes: number;
+  stored_bytes: number;
+  scans: number;
+  raw_bytes: number;
+  voxel_bytes: number;
+  bounds: { min: Vector3; max: Vector3 } | null;
+  sessions: string[];
+}
+
+export interface CellSummary {
+  id: number;
+  hash: string;
+  pose: PoseArray;
+  session: string;
+  sequence: number;
+  planes: number;
+  bytes: number;
+}
+
+export interface Session {
+  name: string;
+  robot: string;
+  sensor: string;
+  started: string | null;
+  cells: number;
+  planes: number;
+  encoded_bytes: number;
+  aligned: boolean;
+}
+
+export interface Scores {
+  points: number;
+  hits: number;
+  inlier_ratio_all: number;
+  inlier_ratio_hit: number;
+  share_in_front: number;
+  share_beyond: number;
+  median_residual_m: number;
+}
+
+export interface LoopExplanation {
+  id: number;
+  from: number;
+  to: number;
+  origin: "mapper" | "detection" | "user";
+  scores: Scores;
+  weight: number;
+  pinned: boolean;
+  verdict: "trusted" | "pinned" | "accepted" | "weakened" | "rejected";
+  gap_m: number;
+  gap_deg: number;
+  chi2: number;
+  revision: number;
+}
+
+export interface Place {
+  cell: { id: number; hash: string };
+  T_map_scan: PoseArray;
+  scores: Scores;
+  confidence: number;
+  similarity: number;
+  witnesses: number;
+  accepted?: boolean;
+}
+
+export interface Relocalisation extends Partial<Place> {
+  found: boolean;
+  degenerate?: boolean;
+  alternatives: Place[];
+  cells_considered: number;
+  time_ms: number;
+}
+
+export interface Job {
+  id: number;
+  map: string;
+  kind: "ingest" | "merge";
+  state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+  session: string | null;
+  scans_done: number;
+  scans_total: number;
+  cells_done: number;
+  progress: number | null;
+  scans_per_second: number;
+  eta_s: number | null;
+  error: { code: string; message: string } | null;
+}

@@ -1,0 +1,41 @@
+import type { MapSummary, Session } from "../api/documents";
+import type { MapApi } from "../api/server";
+import type { MapModel } from "../model/mapModel";
+import type { SessionColours } from "../model/sessionColours";
+
+/** What the panels beside the canvas share: the map as it stands, and what they may ask of the view. */
+export interface MapContext {
+  api: MapApi;
+  summary: MapSummary;
+  sessions: Session[];
+  model: MapModel;
+  colours: SessionColours;
+  selection: { loop: number | null; cell: number | null };
+  layers: Layers;
+  /** Null where there is no 3D view. */
+  scene: SceneActions | null;
+  select(selection: { loop?: number | null; cell?: number | null }): void;
+  setLayers(layers: Layers): void;
+}
+
+export interface Layers {
+  patches: boolean;
+  trajectory: boolean;
+  constraints: boolean;
+  loops: boolean;
+  grid: boolean;
+}
+
+/** What panels ask of the 3D view. */
+export interface SceneActions {
+  lookAtCell(id: number): void;
+  showSphere(id: number | null, morph: number): void;
+  showScan(points: Float32Array | null, pose: import("three").Matrix4 | null, found: boolean): void;
+}
+
+/** A tab's content; `update` is called when the map or the selection changed. */
+export interface Panel {
+  readonly element: HTMLElement;
+  update(): void;
+  dispose?(): void;
+}

@@ -1,0 +1,64 @@
+import type { MapSummary } from "../api/documents";
+import { listMaps } from "../api/server";
+import { h, replace } from "../dom";
+import { formatRoute, parseRoute } from "../route";
+import { bytes, count, large } from "../text";
+import { explanation } from "./explain";
+
+/** The first page: what a CELLmap is, and the maps of this server. */
+export class MapListView {
+  readonly where = h("span");
+  readonly element = h("div", { class: "page" });
+  private readonly maps = h("div", { "aria-live": "polite" }, h("p", { class: "note" }, "Asking the server for its maps..."));
+
+  constructor() {
+    this.element.append(explanation(), h("h2", { class: "visually-hidden" }, "Maps"), this.maps);
+    void this.load();
+  }
+
+  dispose(): void {}
+
+  private async load(): Promise<void> {
+    try {
+      const maps = await listMaps();
+      replace(this.maps, maps.length > 0 ? h("div", { class: "cards" }, ...maps.map(card)) : emptyServer());
+    } catch (error) {
+      const retry = h("button", { type: "button", onclick: () => void this.load() }, "Try again");
+      replace(this.maps, h("div", { class: "box error", role: "alert" }, h("p", {}, (error as Error).message), retry));
+    }
+  }
+}
+
+function figure(value: string, name: string): [HTMLElement, HTMLElement] {
+  return [h("b", {}, value), h("span", {}, name)];
+}
+
+function card(map: MapSummary): HTMLElement {
+  const link = formatRoute({ ...parseRoute(""), map: map.name });
+  return h(
+    "a",
+    { class: "card", href: link },
+    h("h2", {}, map.name),
+    h("div", { class: "figures" }, ...figure(large(map.cells), "CELLs"), ...figure(large(map.planes), "patches"), ...figure(bytes(map.stored_bytes), "stored")),
+    h("p", { class: "note" }, `${count(map.sessions.length, "session")}, revision ${map.revision}`),
+  );
+}
+
+function emptyServer(): HTMLElement {
+  return h(
+    "div",
+    { class: "card" },
+    h("h2", {}, "No maps yet"),
+    h("p", {}, "Send a drive to this server, or make one with the simulator:"),
+    h(
+      "pre",
+      {},
+      h(
+        "code",
+        {},
+        "cellmap simulate --route town --scans 300 --out drive\n" +
+          `cellmap ingest drive --server ${location.origin} --map town`,
+      ),
+    ),
+  );
+}

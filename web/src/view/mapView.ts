@@ -1,0 +1,276 @@
+import type { MapSummary } from "../api/documents";
+import { MapApi, ServerError } from "../api/server";
+import { announce, h, replace } from "../dom";
+import { MapModel } from "../model/mapModel";
+import { SessionColours } from "../model/sessionColours";
+import { JobsPanel } from "../panels/jobsPanel";
+import { LocatePanel } from "../panels/locatePanel";
+import { LoopPanel } from "../panels/loopPanel";
+import { MapPanel } from "../panels/mapPanel";
+import type { Layers, MapContext, Panel } from "../panels/panel";
+import { formatRoute, parseRoute, type Route, type Tab, TABS } from "../route";
+import { MapScene } from "../scene/mapScene";
+import { NoWebGlError } from "../scene/stage";
+import { count } from "../text";
+import { listenToKeys } from "./keys";
+import { Overlays } from "./overlays";
+
+const TAB_NAMES: Record<Tab, string> = { map: "Map", graph: "Loops", locate: "Where am I?", jobs: "Jobs" };
+
+/** One map: the canvas with what lies over it, and the panels beside. */
+export class MapView {
+  readonly where = h("span");
+  readonly element = h("div", { class: "work" });
+  private readonly stageElement = h("div", { class: "stage", "data-drop": "Drop a scan: where was it taken?" });
+  private readonly panelElement = h("div", { class: "panel", role: "tabpanel", id: "panel", tabindex: 0 });
+  private readonly live = h("span", { class: "live" }, "live");
+  private readonly panels: Partial<Record<Tab, Panel>> = {};
+  private readonly stops: (() => void)[] = [];
+  private context: MapContext | null = null;
+  private scene: MapScene | null = null;
+  private overlays: Overlays | null = null;
+  private catchingUp: Promise<void> = Promise.resolve();
+
+  constructor(private route: Route) {
+    this.element.append(this.stageElement, h("aside", { class: "side", "aria-label": "About this map" }, this.tabList(), this.panelElement));
+    replace(this.where, "/ ", h("b", {}, route.map!));
+    this.showMessage(h("p", {}, `Opening ${route.map}...`));
+    void this.open();
+  }
+
+  /** The address changed within the map: by a link, or by going back. */
+  follow(route: Route): void {
+    const view = route.view;
+    this.route = route;
+    this.showTab(route.tab);
+    this.context?.select({ loop: route.loop, cell: route.cell });
+    this.overlays?.setColouring(route.colouring);
+    this.scene?.setColouring(route.colouring);
+    if (view) this.scene?.stage.setView(view);
+  }
+
+  dispose(): void {
+    for (const stop of this.stops) stop();
+    for (const panel of Object.values(this.panels)) panel.dispose?.();
+    this.scene?.dispose();
+  }
+
+  private async open(): Promise<void> {
+    try {
+      const api = new MapApi(this.route.map!);
+      const [summary, sessions, cells, graph] = await Promise.all([api.summary(), api.sessions(), api.cells(), api.poseGraph()]);
+      this.context = this.makeContext(api, summary, MapModel.of(cells, graph));
+      this.context.sessions = sessions;
+      this.openScene(this.context, summary);
+      this.showTab(this.route.tab);
+      this.context.select({ loop: this.route.loop, cell: this.route.cell });
+      this.listen(this.context);
+      announce(`${summary.name}: ${count(summary.cells, "CELL")}`);
+    } catch (error) {
+      this.showFailure(error as Error);
+    }
+  }
+
+  private makeContext(api: MapApi, summary: MapSummary, model: MapModel): MapContext {
+    const colours = new SessionColours();
+    colours.set(model.sessions);
+    return {
+      api,
+      summary,
+      sessions: [],
+      model,
+      colours,
+      selection: { loop: null, cell: null },
+      layers: { patches: true, trajectory: true, constraints: false, loops: true, grid: true },
+      scene: null,
+      select: (selection) => this.select(selection),
+      setLayers: (layers) => this.setLayers(layers),
+    };
+  }
+
+  private openScene(context: MapContext, summary: MapSummary): void {
+    const canvas = h("canvas", { tabindex: 0, role: "img", "aria-label": `3D view of ${summary.name}. Arrow keys move, plus and minus zoom, Q and E turn, F shows all.` });
+    replace(this.stageElement, canvas);
+    try {
+      this.scene = new MapScene(canvas, {
+        lattice: summary.lattice,
+        source: async (ids) => ({ url: context.api.batchUrl, ids }),
+        colours: context.colours,
+        budget: Number(new URLSearchParams(location.search).get("budget")) || undefined,
+        onPick: (picked) => this.picked(picked),
+        onState: () => this.overlays?.update(),
+      });
+    } catch (error) {
+      this.showMessage(h("p", {}, error instanceof NoWebGlError ? error.message : String(error)));
+      return;
+    }
+    const { scene } = this;
+    context.scene = scene;
+    scene.setModel(context.model);
+    scene.setLayers(context.layers);
+    scene.setColouring(this.route.colouring);
+    this.overlays = new Overlays(this.stageElement, context, scene, this.route.colouring, (colouring) => {
+      scene.setColouring(colouring);
+      this.updateAddress({ colouring });
+    });
+    scene.stage.setView(this.route.view ?? scene.overview());
+    scene.stage.onMoved(() => this.cameraMoved());
+    listenToKeys(canvas, scene);
+    // For tests: what is drawn, without reading pixels.
+    Object.assign(window, { cellmapScene: scene });
+  }
+
+  private listen(context: MapContext): void {
+    this.where.append(" ", this.live);
+    const stop = context.api.follow(
+      (revision) => {
+        if (revision !== context.model.revision) this.catchUp(context);
+      },
+      (connected) => {
+        this.live.textContent = connected ? "live" : "connection lost";
+        this.live.classList.toggle("lost", !connected);
+        if (connected) this.scene?.retry();
+      },
+    );
+    const retheme = (): void => this.scene?.applyTheme();
+    addEventListener("themechange", retheme);
+    this.stops.push(stop, () => removeEventListener("themechange", retheme), this.listenToDrops());
+  }
+
+  /** Fetches what changed since the revision that is shown; one request at a time. */
+  private catchUp(context: MapContext): void {
+    this.catchingUp = this.catchingUp.then(async () => {
+      try {
+        const changes = await context.api.changes(context.model.revision);
+        const before = context.model.apply(changes);
+        [context.summary, context.sessions] = await Promise.all([context.api.summary(), context.api.sessions()]);
+        context.colours.set(context.model.sessions);
+        this.scene?.setModel(context.model, before);
+        this.overlays?.update();
+        for (const panel of Object.values(this.panels)) panel.update();
+        if (before.size > 0) announce(`${count(before.size, "CELL")} moved`);
+      } catch (error) {
+        if (error instanceof ServerError && error.status === 0) return; // the stream says so already
+        this.overlays?.setError((error as Error).message);
+      }
+    });
+  }
+
+  private select(selection: { loop?: number | null; cell?: number | null }): void {
+    const context = this.context!;
+    Object.assign(context.selection, selection);
+    this.scene?.select(context.selection);
+    for (const panel of Object.values(this.panels)) panel.update();
+    if (selection.cell != null && !this.route.view) this.scene?.lookAtCell(selection.cell);
+    this.updateAddress(context.selection);
+  }
+
+  private picked(picked: { kind: "loop" | "cell"; id: number } | null): void {
+    if (!picked) return;
+    this.showTab(picked.kind === "loop" ? "graph" : "map");
+    this.select(picked.kind === "loop" ? { loop: picked.id } : { cell: picked.id });
+  }
+
+  private setLayers(layers: Layers): void {
+    this.context!.layers = layers;
+    this.scene?.setLayers(layers);
+  }
+
+  private cameraTimer: ReturnType<typeof setTimeout> | undefined;
+  private cameraMoved(): void {
+    this.overlays?.updateScale();
+    clearTimeout(this.cameraTimer);
+    this.cameraTimer = setTimeout(() => this.updateAddress({ view: this.scene!.stage.view }), 400);
+  }
+
+  /** Without a new entry in the history: a view is not a page. */
+  private updateAddress(change: Partial<Route>): void {
+    if (parseRoute(location.hash).map !== this.route.map) return;
+    this.route = { ...this.route, ...change };
+    history.replaceState(null, "", formatRoute(this.route));
+  }
+
+  private tabList(): HTMLElement {
+    const buttons = TABS.map((tab) =>
+      h("button", { type: "button", role: "tab", id: `tab-${tab}`, "aria-controls": "panel", onclick: () => this.showTab(tab) }, TAB_NAMES[tab]),
+    );
+    const list = h("div", { class: "tabs", role: "tablist" }, ...buttons);
+    list.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (!step) return;
+      const next = (TABS.indexOf(this.route.tab) + step + TABS.length) % TABS.length;
+      this.showTab(TABS[next]!);
+      buttons[next]!.focus();
+    });
+    return list;
+  }
+
+  private showTab(tab: Tab): void {
+    for (const button of this.element.querySelectorAll<HTMLElement>('[role="tab"]')) {
+      const chosen = button.id === `tab-${tab}`;
+      button.setAttribute("aria-selected", String(chosen));
+      button.tabIndex = chosen ? 0 : -1;
+    }
+    this.panelElement.setAttribute("aria-labelledby", `tab-${tab}`);
+    this.updateAddress({ tab });
+    if (this.context) replace(this.panelElement, this.panel(tab, this.context).element);
+  }
+
+  private panel(tab: Tab, context: MapContext): Panel {
+    const make = { map: MapPanel, graph: LoopPanel, locate: LocatePanel, jobs: JobsPanel }[tab];
+    return (this.panels[tab] ??= new make(context));
+  }
+
+  private listenToDrops(): () => void {
+    const over = (event: DragEvent): void => {
+      event.preventDefault();
+      this.stageElement.classList.add("dragging");
+    };
+    const leave = (event: DragEvent): void => {
+      if (event.relatedTarget === null) this.stageElement.classList.remove("dragging");
+    };
+    const drop = (event: DragEvent): void => {
+      event.preventDefault();
+      this.stageElement.classList.remove("dragging");
+      const file = event.dataTransfer?.files[0];
+      if (!file || !this.context) return;
+      this.showTab("locate");
+      void (this.panel("locate", this.context) as LocatePanel).locate(file);
+    };
+    addEventListener("dragover", over);
+    addEventListener("dragleave", leave);
+    addEventListener("drop", drop);
+    return () => {
+      removeEventListener("dragover", over);
+      removeEventListener("dragleave", leave);
+      removeEventListener("drop", drop);
+    };
+  }
+
+  private showMessage(...content: Node[]): void {
+    replace(this.stageElement, h("div", { class: "centre" }, h("div", { class: "box", role: "status" }, ...content)));
+  }
+
+  private showFailure(error: Error): void {
+    const missing = error instanceof ServerError && error.status === 404;
+    replace(
+      this.stageElement,
+      h(
+        "div",
+        { class: "centre" },
+        h(
+          "div",
+          { class: "box error", role: "alert" },
+          h("h2", {}, missing ? "There is no such map" : "The map cannot be shown"),
+          h("p", {}, error.message),
+          h(
+            "div",
+            { class: "actions" },
+            h("button", { type: "button", onclick: () => void this.open() }, "Try again"),
+            h("a", { class: "button", href: "#/" }, "All maps"),
+          ),
+        ),
+      ),
+    );
+  }
+}

@@ -1,0 +1,115 @@
+import { h, replace, swatch } from "../dom";
+import type { MapContext } from "../panels/panel";
+import { VERDICT_COLOURS } from "../scene/graphLayer";
+import { roundLength } from "../scene/ground";
+import type { MapScene } from "../scene/mapScene";
+import { COLOURS, type Colouring } from "../scene/patchMaterial";
+import { count, large, metres } from "../text";
+
+/** What lies over the canvas: colouring, legend, scale bar, figures, and what went wrong. */
+export class Overlays {
+  private readonly legend = h("div", { class: "glass legend" });
+  private readonly scale = h("div", { class: "scale", role: "img" });
+  private readonly figures = h("div", { "data-testid": "figures" });
+  private readonly trouble = h("div");
+  private error: string | null = null;
+
+  constructor(
+    stage: HTMLElement,
+    private readonly context: MapContext,
+    private readonly scene: MapScene,
+    private colouring: Colouring,
+    private readonly onColouring: (colouring: Colouring) => void,
+  ) {
+    const fit = h("button", { class: "glass", type: "button", onclick: () => scene.stage.flyTo(scene.overview()) }, "Show all");
+    stage.append(
+      h("div", { class: "overlay top-left" }, this.colourChoice(), fit, this.trouble),
+      h("div", { class: "overlay bottom-left" }, this.legend, this.scale),
+      h("div", { class: "overlay bottom-right" }, this.figures),
+    );
+    this.drawLegend();
+    this.update();
+    this.updateScale();
+  }
+
+  setColouring(colouring: Colouring): void {
+    this.colouring = colouring;
+    const input = document.querySelector<HTMLInputElement>(`input[name="colouring"][value="${colouring}"]`);
+    if (input) input.checked = true;
+    this.drawLegend();
+  }
+
+  setError(message: string): void {
+    this.error = message;
+    this.update();
+  }
+
+  update(): void {
+    const { patches, loaded, wanted, broken } = this.scene.figures();
+    const loading = loaded < wanted ? `loading ${loaded} of ${wanted} CELLs` : count(loaded, "CELL");
+    replace(this.figures, `${large(patches)} patches drawn, ${loading}`);
+    const { cells } = this.context.model;
+    const messages = [
+      cells.size === 0 ? h("div", { class: "glass" }, "This map has no CELLs yet. The Jobs tab can map a drive.") : null,
+      broken.size > 0 ? this.brokenCells(broken) : null,
+      this.scene.failure !== null ? this.failure(this.scene.failure) : null,
+      this.error !== null ? h("div", { class: "glass box error", role: "alert" }, this.error) : null,
+    ];
+    replace(this.trouble, ...messages);
+  }
+
+  updateScale(): void {
+    const perPixel = this.scene.stage.metresPerPixel();
+    if (!Number.isFinite(perPixel) || perPixel <= 0) return;
+    const length = roundLength(perPixel * 130);
+    const bar = h("div");
+    bar.style.width = `${length / perPixel}px`;
+    const text = length < 1 ? `${Math.round(100 * length)} cm` : length < 1000 ? `${length} m` : metres(length);
+    this.scale.setAttribute("aria-label", `Scale: ${text}`);
+    replace(this.scale, text, bar);
+  }
+
+  private brokenCells(broken: Map<number, string>): HTMLElement {
+    const [id, reason] = [...broken][0]!;
+    const more = broken.size > 1 ? ` and ${broken.size - 1} more` : "";
+    return h("div", { class: "glass box error", role: "alert" }, `CELL ${id}${more} cannot be shown. ${reason}`);
+  }
+
+  private failure(reason: string): HTMLElement {
+    return h(
+      "div",
+      { class: "glass box error", role: "alert" },
+      h("p", {}, `No CELLs come from the server. ${reason}`),
+      h("button", { type: "button", onclick: () => this.scene.retry() }, "Try again"),
+    );
+  }
+
+  private colourChoice(): HTMLElement {
+    return h(
+      "fieldset",
+      { class: "glass segmented" },
+      h("legend", {}, "Colour"),
+      ...COLOURS.map((colouring) => {
+        const input = h("input", { type: "radio", name: "colouring", value: colouring, checked: colouring === this.colouring });
+        input.addEventListener("change", () => {
+          this.colouring = colouring;
+          this.drawLegend();
+          this.onColouring(colouring);
+        });
+        return h("label", {}, input, h("span", {}, colouring));
+      }),
+    );
+  }
+
+  private drawLegend(): void {
+    const { model, colours } = this.context;
+    const item = (colour: string, name: string): HTMLElement => h("span", {}, swatch(colour), name);
+    const patches = {
+      normal: [item("#98a3af", "lying"), h("span", {}, h("span", { class: "wheel", "aria-hidden": "true" }), "standing, by the way it faces")],
+      height: [h("span", {}, "low"), h("span", { class: "ramp" }), h("span", {}, "high")],
+      session: model.sessions.slice(0, 6).map((name) => item(colours.of(name), name)),
+    }[this.colouring];
+    const loops = model.loops.length > 0 ? [item(VERDICT_COLOURS.accepted!, "loop"), item(VERDICT_COLOURS.rejected!, "rejected loop")] : [];
+    replace(this.legend, ...patches, ...loops);
+  }
+}

@@ -1,0 +1,23 @@
+import { expect, test } from "vitest";
+
+import { formatRoute, parseRoute } from "../src/route";
+
+test("a link brings back what was seen", () => {
+  const route = parseRoute("#/town?tab=graph&loop=5&cell=12&colour=height&view=1,2,3,4,5.5,-6");
+  expect(route).toEqual({
+    map: "town",
+    tab: "graph",
+    loop: 5,
+    cell: 12,
+    colouring: "height",
+    view: { eye: [1, 2, 3], target: [4, 5.5, -6] },
+  });
+  expect(parseRoute(formatRoute(route))).toEqual(route);
+});
+
+test("what is not understood is left at its default", () => {
+  const route = parseRoute("#/town?tab=x&loop=-1&cell=1e9&colour=<b>&view=1,2,NaN,4,5,6");
+  expect(route).toEqual({ map: "town", tab: "map", loop: null, cell: null, colouring: "normal", view: null });
+  expect(parseRoute("").map).toBeNull();
+  expect(formatRoute(parseRoute(""))).toBe("#/");
+});
