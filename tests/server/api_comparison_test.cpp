@@ -32,7 +32,7 @@ class ApiComparison : public ApiTest {
 
 TEST_F(ApiComparison, IsKeptWithTheMapAndReplacedByTheNext) {
   expect_problem(get(kComparison), 404, "not-found");
-  const Json first = comparison({row_of("CELLs")}), second = comparison(Json::array());
+  const Json first = comparison(Json::array({row_of("CELLs")})), second = comparison(Json::array());
   ASSERT_EQ(put(first).status, 200);
   EXPECT_EQ(json_of(get(kComparison)), first);
   start();  // the server starts again
@@ -55,18 +55,18 @@ TEST_F(ApiComparison, MayLeaveEmptyWhatWasNotMeasured) {
   row["note"] = "somebody's";
   for (const char* key : {"bytes", "accuracy_m", "encode_s"}) row[key] = nullptr;
   row["f_score"]["0.1"] = nullptr;
-  EXPECT_EQ(put(comparison({row})).status, 200);
+  EXPECT_EQ(put(comparison(Json::array({row}))).status, 200);
 }
 
 TEST_F(ApiComparison, ThatIsNoneIsRefused) {
   const auto changed = [&](const std::function<void(Json&)>& change) {
     Json row = row_of("CELLs");
     change(row);
-    return put(comparison({row}));
+    return put(comparison(Json::array({row})));
   };
   expect_problem(put(Json::object()), 400, "invalid-argument");
   expect_problem(put(comparison(Json::object())), 400, "invalid-argument");
-  expect_problem(put(comparison({1})), 400, "invalid-argument");
+  expect_problem(put(comparison(Json::array({1}))), 400, "invalid-argument");
   expect_problem(changed([](Json& row) { row.erase("bytes"); }), 400, "invalid-argument");
   expect_problem(changed([](Json& row) { row["bytes"] = "many"; }), 400, "invalid-argument");
   expect_problem(changed([](Json& row) { row["encode_s"] = -1; }), 400, "invalid-argument");

@@ -14,9 +14,6 @@ namespace cellmap {
 namespace {
 
 constexpr std::uint32_t kMinPoints = 6;
-/// Points along a line have no certain normal: the most that the variance across may be of that
-/// within.
-constexpr double kMaxThicknessRatio = 0.3;
 /// Of a voxel's edge: rms distance of its points from their plane.
 constexpr double kMaxThickness = 0.2;
 constexpr std::size_t kSurfelFloats = 7;
@@ -61,9 +58,7 @@ void add_surfel(const Sums& sums, double voxel_m, Bytes& bytes) {
   Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
   solver.computeDirect(sums.products / n - mean * mean.transpose());
   const Eigen::Vector3d variances = solver.eigenvalues().cwiseMax(0);
-  const bool is_flat = std::sqrt(variances[0]) <= kMaxThickness * voxel_m &&
-                       variances[0] <= kMaxThicknessRatio * variances[1];
-  if (!is_flat || variances[1] <= 0) return;
+  if (std::sqrt(variances[0]) > kMaxThickness * voxel_m || variances[1] < 1e-6) return;
   const Eigen::Vector3f centre = (sums.origin + mean).cast<float>();
   const Eigen::Vector3f normal = solver.eigenvectors().col(0).cast<float>();
   // A disc has the variance r^2 / 4 along both of its axes.
