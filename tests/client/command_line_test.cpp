@@ -72,6 +72,10 @@ TEST(CommandLine, EveryVerbHasHelpWithExamplesAndJson) {
                                                        {"evaluate", "relocalisation"},
                                                        {"evaluate", "diff"},
                                                        {"diff"},
+                                                       {"archive"},
+                                                       {"restore"},
+                                                       {"verify"},
+                                                       {"repair"},
                                                        {"export", "cloud"},
                                                        {"export", "trajectory"},
                                                        {"export", "graph"}};
