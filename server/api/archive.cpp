@@ -1,9 +1,10 @@
+#include <algorithm>
+#include <array>
 #include <chrono>
 #include <list>
 #include <mutex>
 
 #include "cellmap/archive/store_archive.hpp"
-#include "cellmap/core/checksum.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
 #include "server/api/conditions.hpp"
@@ -32,23 +33,38 @@ ArchiveOptions read_options(const Call& call) {
   return options;
 }
 
-/// Of everything that an archive of the map would hold, without looking at a CELL.
-std::string etag_of(const MapInfo& map, const std::vector<SessionInfo>& sessions,
-                    const ArchiveOptions& options) {
-  std::string text = std::to_string(map.created) + " " + std::string(to_string(options.encoding));
+/// What an archive of the map would say of it now, as far as no CELL has to be looked at.
+ArchiveFooter footer_now(const Store& store, const std::string& map) {
+  const MapInfo info = store.map(map);
+  ArchiveFooter footer;
+  footer.created = info.created;
+  footer.revision = info.revision;
+  footer.georeference = info.georeference;
+  for (const SessionInfo& session : store.sessions(map)) {
+    footer.sessions.push_back(
+        {session.name, session.robot, session.sensor, session.odometry_frame, session.started});
+  }
+  return footer;
+}
+
+/// Of what a footer says: a map's revision alone knows neither sessions' descriptions nor where the
+/// map lies on Earth.
+std::string etag_of(const ArchiveFooter& footer, const ArchiveOptions& options) {
+  std::string text =
+      std::to_string(footer.created) + " " + std::string(to_string(options.encoding));
   if (options.encoding == ArchiveEncoding::kCompact) text += std::to_string(options.bound_m);
-  for (const SessionInfo& session : sessions) {
+  for (const ArchiveSession& session : footer.sessions) {
     text += "\n" + session.name + "\n" + session.robot + "\n" + session.sensor + "\n" +
             session.odometry_frame + "\n" + std::to_string(session.started);
   }
-  if (const auto& place = map.georeference) {
-    text += "\n" + to_hex(sha256(std::as_bytes(std::span(place->R_enu_map.data(), 9))));
+  if (const auto& place = footer.georeference) {
     for (const double value : {place->latitude_deg, place->longitude_deg, place->height_m}) {
-      text += " " + std::to_string(value);
+      text += "\n" + to_hex(sha256(std::as_bytes(std::span(&value, 1))));
     }
+    text += to_hex(sha256(std::as_bytes(std::span(place->R_enu_map.data(), 9))));
   }
-  return '"' + std::to_string(map.revision) + "-" + to_hex(sha256(as_bytes(text))).substr(0, 16) +
-         '"';
+  const std::string hash = to_hex(sha256(as_bytes(text)));
+  return '"' + std::to_string(footer.revision) + "-" + hash.substr(0, 16) + '"';
 }
 
 /// The archives made last, in files without names, so that a client can fetch one in parts. One is
@@ -65,21 +81,16 @@ class ArchiveFiles {
     if (!lock) {
       throw Error(ErrorCode::kUnavailable, "Another archive is being made; try again.");
     }
-    const MapInfo info = services.store.map(map);
-    const std::string etag = etag_of(info, services.store.sessions(map), options);
-    const auto kept = std::ranges::find(kept_, etag, &Entry::etag);
+    const auto kept =
+        std::ranges::find(kept_, etag_of(footer_now(services.store, map), options), &Entry::etag);
     if (kept != kept_.end()) {
       kept_.splice(kept_.begin(), kept_, kept);
       return kept_.front();
     }
-    Entry entry{etag, open_temporary_file(services.options.spool_folder)};
-    archive_map(services.store, map, *entry.file, options);
-    ArchiveReader made(borrowed(*entry.file));
-    // What came to the map meanwhile is in the archive: it is another one than was asked for.
-    if (made.footer().revision != info.revision) {
-      entry.etag = etag_of(services.store.map(map), services.store.sessions(map), options);
-      if (made.footer().revision != services.store.version(map).revision) return entry;
-    }
+    std::shared_ptr<ByteFile> file = open_temporary_file(services.options.spool_folder);
+    archive_map(services.store, map, *file, options);
+    // What came to the map meanwhile may be in the archive.
+    const Entry entry{etag_of(ArchiveReader(borrowed(*file)).footer(), options), file};
     kept_.push_front(entry);
     if (kept_.size() > kKeptFiles) kept_.pop_back();
     return entry;
@@ -93,7 +104,7 @@ class ArchiveFiles {
 Response get(Services& services, ArchiveFiles& files, const Call& call) {
   const auto& map = call.path("map");
   const ArchiveOptions options = read_options(call);
-  const std::string now = etag_of(services.store.map(map), services.store.sessions(map), options);
+  const std::string now = etag_of(footer_now(services.store, map), options);
   const auto is_named = [](const std::string& condition, const std::string& etag) {
     return matches_etag(condition, std::array{etag});
   };
