@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "cellmap/core/error.hpp"
+#include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
 #include "server/api/problem.hpp"
@@ -62,6 +63,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_diff_route(router_, *services_);
   add_split_route(router_, *services_);
   add_georeference_routes(router_, *services_);
+  add_comparison_routes(router_, *services_);
   add_archive_routes(router_, *services_);
   add_job_routes(router_, *services_);
 }
