@@ -10,8 +10,9 @@ packages=(
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
   libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml
 )
-# PCL is large (1 GB installed); only the command line's PCD and PLY support needs it.
-[[ "${1:-}" == "--without-pcl" ]] || packages+=(libpcl-dev)
+# PCL is large (1 GB installed); only the command line's PCD and PLY support and some rows of
+# `cellmap compare` need it, and Draco.
+[[ "${1:-}" == "--without-pcl" ]] || packages+=(libpcl-dev libdraco-dev)
 
 missing=()
 for package in "${packages[@]}"; do

@@ -17,6 +17,8 @@
 namespace cellmap::server {
 namespace {
 
+constexpr std::size_t kPieceBytes = 256u << 10;  // of a file that is sent
+
 /// A connection as httplib sees it. Remembers what the answer's head said.
 class HttplibStream : public httplib::Stream {
  public:
@@ -108,7 +110,7 @@ struct HttpServer::Impl : httplib::Server {
       answer(request, response, problem(ErrorCode::kInternal, "The server failed."), false);
     });
     const auto bare = [this](const httplib::Request& request, httplib::Response& response) {
-      answer(request, response, handle(request, {}), true);
+      answer(request, response, handle(request, {}, nullptr), true);
     };
     const auto with_body = [this](const httplib::Request& request, httplib::Response& response,
                                   const httplib::ContentReader& reader) {
@@ -122,12 +124,14 @@ struct HttpServer::Impl : httplib::Server {
     Delete(".*", with_body);
   }
 
-  Response handle(const httplib::Request& request, std::string body) {
+  Response handle(const httplib::Request& request, std::string body,
+                  std::shared_ptr<ByteFile> file) {
     server::Request own;
     own.method = request.method;
     own.target = request.target;
     for (const auto& [name, value] : request.headers) own.headers.add(name, value);
     own.body = std::move(body);
+    own.file = std::move(file);
     own.id = next_id();
     return api.handle(own);
   }
@@ -141,14 +145,18 @@ struct HttpServer::Impl : httplib::Server {
         request.has_header("Transfer-Encoding") ||
         parse_unsigned(request.get_header_value("Content-Length")).value_or(0) > 0;
     std::string body;
+    std::shared_ptr<ByteFile> file = api.file_for_body(request.method, request.target);
     if (has_body) {
       const std::size_t limit = api.max_body(request.method, request.target);
       bool too_large =
           parse_unsigned(request.get_header_value("Content-Length")).value_or(0) > limit;
+      std::size_t length = 0;
       const bool complete = !too_large && reader([&](const char* data, std::size_t size) {
-        too_large = body.size() + size > limit;
-        if (!too_large) body.append(data, size);
-        return !too_large;
+        too_large = size > limit - length;
+        if (too_large) return false;
+        file ? file->write(length, as_bytes({data, size})) : void(body.append(data, size));
+        length += size;
+        return true;
       });
       if (too_large && limit > 0) {
         return answer(request, response,
@@ -161,9 +169,9 @@ struct HttpServer::Impl : httplib::Server {
                       problem(ErrorCode::kInvalidArgument, "The body ended early or is malformed."),
                       false);
       }
-      if (!complete) return answer(request, response, handle(request, {}), false);
+      if (!complete) return answer(request, response, handle(request, {}, nullptr), false);
     }
-    answer(request, response, handle(request, std::move(body)), true);
+    answer(request, response, handle(request, std::move(body), std::move(file)), true);
   }
 
   /// Hands a response to httplib. `keep`: the connection can take another request.
@@ -189,6 +197,17 @@ struct HttpServer::Impl : httplib::Server {
             if (!chunk.empty()) sink.write(chunk.data(), chunk.size());
             if (!more) sink.done();
             return true;
+          });
+      return;
+    }
+    if (const auto* part = std::get_if<FileBody>(&response.body); part && part->length > 0) {
+      out.set_content_provider(
+          part->length, type,
+          [part = *part](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+            const Bytes piece =
+                part.file->read(part.offset + offset, std::min(length, kPieceBytes));
+            return !piece.empty() &&
+                   sink.write(reinterpret_cast<const char*>(piece.data()), piece.size());
           });
       return;
     }

@@ -52,7 +52,7 @@ void add_flags(CLI::App& app, Flags& flags) {
   app.add_flag("--insecure", flags.insecure,
                "Listen beyond this machine although nobody is asked who they are");
   app.footer(
-      "Example: cellmapd --store maps.cellmap --listen 127.0.0.1:8080 --data-root ~/drives\n"
+      "Example: cellmapd --store maps.db --listen 127.0.0.1:8080 --data-root ~/drives\n"
       "SIGTERM and SIGINT stop it; running jobs go on at the next start.");
 }
 
@@ -124,6 +124,7 @@ void serve(const Flags& flags) {
   options.viewer = viewer_folder(flags);
   options.threads = flags.threads;
   options.jobs.data_roots = canonical_roots(flags);
+  options.spool_folder = fs::absolute(flags.store).parent_path();
   const auto store = cellmap::open_sqlite_store(flags.store);
   cellmap::server::Api api(*store, std::move(options), log);
   cellmap::server::HttpServer server(api, log, addresses);

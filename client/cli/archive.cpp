@@ -1,3 +1,5 @@
+#include "cellmap/client/archive.hpp"
+
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
@@ -5,10 +7,10 @@
 
 #include "cellmap/archive/store_archive.hpp"
 #include "cellmap/archive/update_archive.hpp"
-#include "cellmap/client/range_source.hpp"
 #include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/archive_options.hpp"
 #include "client/cli/archive_reader.hpp"
+#include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_reader.hpp"
@@ -65,7 +67,15 @@ void write_whole(const std::string& file, const Write& write) {
 void write_archive(const Options& options, const Console& console) {
   const ArchiveOptions wanted = archive_options(options.encoding, options.bound);
   if (options.place.store.empty()) {
-    throw Error(ErrorCode::kUnsupported, "say where the map is: --store FILE");
+    const Interrupt interrupt;
+    ProgressBar bar(console, "archive");
+    write_whole(options.file, [&](const std::string& part) {
+      const auto file = open_file(part, FileMode::kCreate);
+      download_archive(
+          client_options_of(options.place), options.map, wanted, *file, interrupt.token(),
+          [&](std::uint64_t done, std::uint64_t total) { bar.update(done, total, "bytes"); });
+    });
+    return;
   }
   const auto store = open_existing_store(options.place.store);
   const std::uint64_t cells = store->map(options.map).cells;
@@ -99,21 +109,22 @@ void archive(const Options& options, const Console& console) {
   console.print(json, text);
 }
 
+MapInfo restore_in_store(const Options& options, ArchiveReader& reader, const std::string& name,
+                         const Console& console) {
+  const auto store = open_sqlite_store(options.place.store);
+  const Interrupt interrupt;
+  ProgressBar bar(console, "restore");
+  return restore_map(reader, *store, name, interrupt.token(), [&](const Progress& done) {
+    bar.update(done.cells_done, reader.head().cells, "CELLs");
+  });
+}
+
 void restore(const Options& options, const Console& console) {
   ArchiveReader reader(open_bytes(options.file, options.place));
   const std::string name = options.map.empty() ? reader.footer().map : options.map;
-  if (options.place.store.empty()) {
-    throw Error(ErrorCode::kUnsupported, "say where the map is to be: --store FILE");
-  }
-  const auto store = open_sqlite_store(options.place.store);
-  const Interrupt interrupt;
-  MapInfo map;
-  {
-    ProgressBar bar(console, "restore");
-    map = restore_map(reader, *store, name, interrupt.token(), [&](const Progress& done) {
-      bar.update(done.cells_done, reader.head().cells, "CELLs");
-    });
-  }
+  const MapInfo map = options.place.store.empty()
+                          ? upload_archive(client_options_of(options.place), name, reader.source())
+                          : restore_in_store(options, reader, name, console);
   console.print(client::to_json(map), map_text(map));
 }
 

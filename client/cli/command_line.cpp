@@ -7,6 +7,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
+#include "client/cli/compare.hpp"
 #include "client/cli/diff.hpp"
 #include "client/cli/exit_code.hpp"
 
@@ -41,6 +42,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_jobs(app, verbs);
   add_relocalise(app, verbs);
   add_evaluate(app, verbs);
+  add_compare(app, verbs);
   add_archive(app, verbs);
   add_verify(app, verbs);
   add_export(app, verbs);

@@ -18,8 +18,18 @@ struct KnownMap {
   PoseGraph graph;
   std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets;
   PlaceIndex index;
+  /// CELLs that nobody has seen: of two others each, the front of the first and the back of the
+  /// second. They are put together when they are asked for.
+  std::map<CellId, std::pair<CellId, CellId>> invented;
 
   void add(CellId id, std::shared_ptr<const Cell> cell, const Pose& T_map_cell);
+  std::shared_ptr<const RegistrationTarget> target(CellId id) const;
+  /// Invents CELLs, a long way off, until the map holds `cells`: a city as large as that, of which
+  /// most looks like a city but is not where queries come from.
+  void grow_to(std::size_t cells, std::uint64_t seed);
+
+ private:
+  Cell put_together(const std::pair<CellId, CellId>& parts) const;
 };
 
 /// Reads every CELL of a map of a store.

@@ -25,6 +25,7 @@ struct Options {
   std::vector<std::string> only;
   bool quick = false;
   int threads = 1;
+  std::size_t map_cells = 0;
 };
 
 /// The store that maps are built in: the cache, or a file that is gone afterwards.
@@ -106,10 +107,11 @@ class Evaluation {
     const auto names = simulated_scenarios();
     if (std::none_of(names.begin(), names.end(), [&](const auto& n) { return is_wanted(n); }))
       return;
-    const KnownMap map = [&] {
+    KnownMap map = [&] {
       ProgressBar bar(console_, "simulated map");
       return load_known_map(store, build_simulated(store, options_.town, stop, shown_on(bar)));
     }();
+    map.grow_to(options_.map_cells, options_.town.seed);
     std::vector<Scenario> of_map;
     for (const std::string& name : names) {
       if (!is_wanted(name)) continue;
@@ -257,6 +259,10 @@ void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs) {
                    "Folder of recorded drives: kitti00-keyframes, mulran-kaist03, livox-hku1")
       ->check(CLI::ExistingDirectory);
   verb->add_option("--trials", options->trials_file, "Write every query's outcome as CSV");
+  verb->add_option("--map-cells", options->map_cells,
+                   "Let the simulated map grow to so many CELLs, most of them invented")
+      ->check(CLI::Range(0, 1'000'000))
+      ->group("Simulation");
   verb->add_option("--threads", options->threads,
                    "Of the simulator and of each query; 0: all. With 1, times are processor time")
       ->check(CLI::Range(0, 1024))

@@ -6,6 +6,7 @@
 
 #include "cellmap/client/files.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/export_cells.hpp"
 #include "client/cli/map_reader.hpp"
 
 #ifdef CELLMAP_WITH_PCL
@@ -138,6 +139,7 @@ void add_export(CLI::App& app, Verbs& verbs) {
       ->capture_default_str();
   leaf("graph", "Poses and constraints as g2o",
        "  cellmap export graph --store map.db --map town --out town.g2o\n", export_graph);
+  add_cell_exports(*group, verbs);
 }
 
 }  // namespace cellmap::cli

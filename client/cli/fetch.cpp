@@ -2,7 +2,10 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "cellmap/client/coded_cells.hpp"
 #include "cellmap/client/files.hpp"
+#include "client/cli/archive_options.hpp"
+#include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/map_reader.hpp"
 
@@ -13,7 +16,42 @@ struct Options {
   Place place;
   std::string map, out;
   std::uint32_t cell = 0;
+  std::string encoding = "raw", bound = "20mm";
+  bool is_coarse = false;
 };
+
+/// One CELL in few bytes, as they came.
+void fetch_coded(const Options& options, const CodedCellForm& form, const Console& console) {
+  if (options.place.is_offline()) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "--encoding packed, --encoding compact and --coarse need a --server");
+  }
+  CodedCellReader reader(client_options_of(options.place));
+  const CellId id{options.cell};
+  const FetchedCodedCell fetched = options.is_coarse ? reader.coarse_cell(options.map, id, form)
+                                                     : reader.cell(options.map, id, form);
+  if (!options.out.empty()) client::write_file_atomically(options.out, fetched.bytes);
+  const DecodedCell& decoded = fetched.decoded;
+  client::Json json = {{"id", id.value},
+                       {"hash", to_hex(decoded.hash)},
+                       {"raw_hash", to_hex(decoded.raw_hash)},
+                       {"encoding", options.encoding},
+                       {"bound_m", decoded.bound_m},
+                       {"session", decoded.cell.session},
+                       {"sequence", decoded.cell.sequence},
+                       {"planes", decoded.cell.planes.size()},
+                       {"all_planes", decoded.all_planes},
+                       {"bytes", fetched.bytes.size()},
+                       {"all_bytes", fetched.file_bytes}};
+  if (!options.out.empty()) json["file"] = options.out;
+  std::string text = format(
+      "CELL %u of %s, %s: %s of %s planes, %s of %s\n  hash %s\n", id.value, options.map.c_str(),
+      options.encoding.c_str(), with_commas(decoded.cell.planes.size()).c_str(),
+      with_commas(decoded.all_planes).c_str(), human_bytes(double(fetched.bytes.size())).c_str(),
+      human_bytes(double(fetched.file_bytes)).c_str(), to_hex(decoded.hash).c_str());
+  if (!options.out.empty()) text += "  written to " + options.out + "\n";
+  console.print(json, text);
+}
 
 /// Without a server there is no cache, and nothing to save.
 FetchedCell fetch_offline(const Options& options) {
@@ -28,6 +66,16 @@ FetchedCell fetch_offline(const Options& options) {
 }
 
 void fetch(const Options& options, const Console& console) {
+  const ArchiveOptions coding = archive_options(options.encoding, options.bound);
+  if (coding.encoding != ArchiveEncoding::kRaw) {
+    const bool is_packed = coding.encoding == ArchiveEncoding::kPacked;
+    return fetch_coded(options,
+                       {is_packed ? CellEncoding::kPacked : CellEncoding::kCompact, coding.bound_m},
+                       console);
+  }
+  if (options.is_coarse) {
+    throw Error(ErrorCode::kInvalidArgument, "--coarse needs --encoding packed or compact");
+  }
   const FetchedCell fetched = options.place.is_offline()
                                   ? fetch_offline(options)
                                   : connect(options.place).cell(options.map, CellId{options.cell});
@@ -60,11 +108,15 @@ void add_fetch(CLI::App& app, Verbs& verbs) {
   CLI::App* one = verbs.add(app, "fetch", "Fetch and verify one CELL",
                             "  cellmap fetch town 12 --server http://127.0.0.1:8080 --out 12.cell\n"
                             "  cellmap fetch town 12 --server URL --cache ~/.cache/cellmap\n"
+                            "  cellmap fetch town 12 --server URL --encoding compact --bound 10mm\n"
                             "  cellmap fetch town 12 --archive https://HOST/town.cellmap\n",
                             [fetched](const Console& console) { fetch(*fetched, console); });
   one->add_option("MAP", fetched->map, "Name of the map")->required();
   one->add_option("CELL", fetched->cell, "Number of the CELL")->required();
   one->add_option("--out", fetched->out, "File for its bytes (FlatBuffers)");
+  add_archive_options(*one, fetched->encoding, fetched->bound);
+  one->add_flag("--coarse", fetched->is_coarse,
+                "Of a packed or compact CELL its first bytes alone: a quarter of the planes");
   add_place_options(*one, fetched->place, true, true);
 }
 

@@ -85,9 +85,6 @@ void show_info(const Options& options, const Console& console) {
   if (of_map.map.empty() && !of_map.place.archive.empty()) {
     of_map.map = open_reader(of_map.place)->maps().front().name;
   }
-  if (of_map.map.empty()) {
-    throw Error(ErrorCode::kInvalidArgument, "name a MAP, or an archive with --archive");
-  }
   show_map(of_map, console);
 }
 
@@ -225,6 +222,10 @@ void add_maps(CLI::App& app, Verbs& verbs) {
   info->add_option("MAP", shown->map, "Its name; may be left out for an archive");
   info->add_option("--diff", shown->diff, "Two archives: what changed from the one to the other")
       ->expected(2);
+  info->parse_complete_callback([shown] {
+    const bool is_named = !shown->map.empty() || !shown->place.archive.empty();
+    if (!is_named && shown->diff.empty()) throw CLI::RequiredError("MAP");
+  });
   add_place_options(*info, shown->place, true, true);
 
   const auto listed = std::make_shared<Options>();

@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "cellmap/core/error.hpp"
+#include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
 #include "server/api/problem.hpp"
@@ -62,6 +63,8 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_diff_route(router_, *services_);
   add_split_route(router_, *services_);
   add_georeference_routes(router_, *services_);
+  add_comparison_routes(router_, *services_);
+  add_archive_routes(router_, *services_);
   add_job_routes(router_, *services_);
 }
 
@@ -84,6 +87,13 @@ const Route* route_of(const Router& router, std::string_view method, std::string
 std::size_t Api::max_body(std::string_view method, std::string_view target) const {
   const Route* route = route_of(router_, method, target);
   return route ? route->max_body : 0;
+}
+
+std::unique_ptr<ByteFile> Api::file_for_body(std::string_view method,
+                                             std::string_view target) const {
+  const Route* route = route_of(router_, method, target);
+  if (!route || !route->body_in_file) return nullptr;
+  return open_temporary_file(services_->options.spool_folder);
 }
 
 bool Api::may_wait(std::string_view method, std::string_view target) const {

@@ -27,6 +27,8 @@ struct ApiOptions {
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
   MapsOptions maps;
   JobQueueOptions jobs;
+  std::size_t max_archive_bytes = 16ull << 30;  ///< of an uploaded archive
+  std::filesystem::path spool_folder;           ///< of large bodies; empty: the system's
 };
 
 /// What handlers work with.
@@ -56,6 +58,8 @@ class Api {
 
   /// How many bytes of body a request may bring: known from its first line, before it is read.
   std::size_t max_body(std::string_view method, std::string_view target) const;
+  /// Where its body is to be put, if not into memory; null: into memory.
+  std::unique_ptr<ByteFile> file_for_body(std::string_view method, std::string_view target) const;
 
   /// Whether a request may wait for a job, a follower's next event, its turn or its reader.
   bool may_wait(std::string_view method, std::string_view target) const;
@@ -86,6 +90,7 @@ void add_session_routes(Router& router, Services& services);
 void add_session_scan_routes(Router& router, Services& services);
 void add_split_route(Router& router, Services& services);
 void add_georeference_routes(Router& router, Services& services);
+void add_archive_routes(Router& router, Services& services);
 void add_job_routes(Router& router, Services& services);
 
 }  // namespace cellmap::server

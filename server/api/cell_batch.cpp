@@ -7,12 +7,16 @@
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
+#include "server/api/coded_cells.hpp"
+#include "server/api/conditions.hpp"
+#include "server/api/problem.hpp"
 
 // POST /v1/maps/{map}/cells:batch.
 
 namespace cellmap::server {
 namespace {
 
+constexpr const char* kCellsType = "application/vnd.cellmap.cells";
 constexpr std::size_t kMaxBody = 8u << 20;
 constexpr std::size_t kMaxAnswer = 64u << 20;
 
@@ -84,7 +88,22 @@ Batch read_batch(const Store& store, const std::string& map, const Json& json) {
   return batch;
 }
 
-Response batch_cells(Services& services, const Call& call) {
+/// Of a batch all bytes of each CELL are sent: a coarse reader cannot tell where a file would end.
+Bytes coded_bytes(CodedCells& coded_cells, const std::string& map, const CellRecord& record,
+                  const CodedForm& form) {
+  if (form.is_coarse) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "Batches have whole CELLs: ask for coarse layers one by one.");
+  }
+  return *coded_cells.get(map, record, form);
+}
+
+Response batch_cells(Services& services, CodedCells& coded_cells, const Call& call) {
+  const std::vector<std::string> types{kCellsType, kCodedCellsType};
+  const auto type = negotiate(call.header("Accept"), types);
+  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  std::optional<CodedForm> form;
+  if (*type == kCodedCellsType) form = coded_form(*call.header("Accept"), *type);
   const auto& map = call.path("map");
   const Revision revision = services.store.map(map).revision;
   const Batch asked = read_batch(services.store, map, call.json());
@@ -92,12 +111,14 @@ Response batch_cells(Services& services, const Call& call) {
   std::size_t sent = 0;
   for (; sent < std::min(asked.ids.size(), asked.limit); ++sent) {
     const CellId id = asked.ids[sent];
-    const Bytes bytes = zstd_decompress(*services.store.compressed_cell(map, id), kMaxCellBytes);
+    const Bytes bytes =
+        form ? coded_bytes(coded_cells, map, services.store.cell(map, id), *form)
+             : zstd_decompress(*services.store.compressed_cell(map, id), kMaxCellBytes);
     if (!batch.empty() && batch.size() + bytes.size() > kMaxAnswer) break;
     append_to_batch(batch, id, bytes);
   }
   Response response;
-  response.headers.set("Content-Type", "application/vnd.cellmap.cells");
+  response.headers.set("Content-Type", form ? *type + to_parameters(*form) : *type);
   response.headers.set("CELLmap-Revision", std::to_string(revision));
   if (sent < asked.ids.size()) {
     response.headers.set("CELLmap-Remaining", std::to_string(asked.ids.size() - sent));
@@ -114,8 +135,9 @@ void add_cell_batch_route(Router& router, Services& services) {
               "/v1/maps/{map}/cells:batch",
               {},
               kMaxBody,
-              {"application/vnd.cellmap.cells"},
-              [&](const Call& call) { return batch_cells(services, call); }});
+              {},
+              [&services, coded_cells = std::make_shared<CodedCells>(services.store)](
+                  const Call& call) { return batch_cells(services, *coded_cells, call); }});
 }
 
 }  // namespace cellmap::server

@@ -5,6 +5,7 @@
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
+#include "server/api/coded_cells.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
@@ -100,42 +101,70 @@ struct CellTags {
   std::string identity, zstd, json;
 };
 
+/// The whole or the asked range of bytes with the entity tag `tag`.
+Response ranged(const Call& call, Response response, std::shared_ptr<const Bytes> bytes,
+                std::size_t size, const std::string& tag) {
+  auto range = call.header("Range");
+  const auto condition = call.header("If-Range");
+  if (condition && *condition != tag) range.reset();
+  response.headers.set("ETag", tag);
+  response.headers.set("Accept-Ranges", "bytes");
+  const auto asked = range ? parse_range(*range, size) : RangeRequest{};
+  if (!asked.satisfiable) return range_not_satisfiable(size);
+  const ByteRange part = asked.range.value_or(ByteRange{0, size});
+  if (asked.range) {
+    response.status = 206;
+    response.headers.set("Content-Range", "bytes " + std::to_string(part.offset) + "-" +
+                                              std::to_string(part.offset + part.length - 1) + "/" +
+                                              std::to_string(size));
+  }
+  response.body = SharedBytes{std::move(bytes), part.offset, part.length};
+  return response;
+}
+
 /// The FlatBuffers form: the stored zstd frame as it is where the client takes it, else the whole
 /// or a range of the bytes.
 Response binary_cell(Services& services, const Call& call, const CellRecord& record,
                      const CellTags& tags, Response response) {
   response.headers.set("Content-Type", kCellType);
   const auto frame = services.store.compressed_cell(call.path("map"), record.id);
-  auto range = call.header("Range");
-  if (const auto condition = call.header("If-Range")) {
-    if (*condition != tags.identity) range.reset();
-  }
-  if (!range && accepts_coding(call.header("Accept-Encoding"), "zstd")) {
+  const auto condition = call.header("If-Range");
+  const bool is_range = call.header("Range") && (!condition || *condition == tags.identity);
+  if (!is_range && accepts_coding(call.header("Accept-Encoding"), "zstd")) {
     response.headers.set("ETag", tags.zstd);
     response.headers.set("Content-Encoding", "zstd");
     response.body = SharedBytes{frame, 0, frame->size()};
     return response;
   }
-  response.headers.set("ETag", tags.identity);
-  response.headers.set("Accept-Ranges", "bytes");
   auto bytes = std::make_shared<const Bytes>(zstd_decompress(*frame, kMaxCellBytes));
-  const auto asked = range ? parse_range(*range, bytes->size()) : RangeRequest{};
-  if (!asked.satisfiable) return range_not_satisfiable(bytes->size());
-  const ByteRange part = asked.range.value_or(ByteRange{0, bytes->size()});
-  if (asked.range) {
-    response.status = 206;
-    response.headers.set("Content-Range", "bytes " + std::to_string(part.offset) + "-" +
-                                              std::to_string(part.offset + part.length - 1) + "/" +
-                                              std::to_string(bytes->size()));
-  }
-  response.body = SharedBytes{std::move(bytes), part.offset, part.length};
-  return response;
+  const std::size_t size = bytes->size();
+  return ranged(call, std::move(response), std::move(bytes), size, tags.identity);
 }
 
-Response get(Services& services, const Call& call) {
-  const std::vector<std::string> types{kCellType, "application/json"};
+/// A coded form, or its coarse layer, which is its first bytes.
+Response coded_cell(CodedCells& coded_cells, const Call& call, const CellRecord& record,
+                    Response response) {
+  const CodedForm form = coded_form(call.header("Accept").value_or(""), kCodedCellType);
+  const auto bytes = coded_cells.get(call.path("map"), record, form);
+  const std::size_t coarse = coarse_cell_bytes(*bytes);
+  const std::string tag =
+      '"' + to_hex(coded_content_hash(*bytes)) + (form.is_coarse ? "-coarse\"" : "\"");
+  response.headers.set("Content-Type", kCodedCellType + to_parameters(form));
+  response.headers.set("CELLmap-File-Bytes", std::to_string(bytes->size()));
+  response.headers.set("CELLmap-Coarse-Bytes", std::to_string(coarse));
+  const auto condition = call.header("If-None-Match");
+  if (condition && matches_etag(*condition, std::array{tag})) {
+    response.headers.set("ETag", tag);
+    response.status = 304;
+    return response;
+  }
+  return ranged(call, std::move(response), bytes, form.is_coarse ? coarse : bytes->size(), tag);
+}
+
+Response get(Services& services, CodedCells& coded_cells, const Call& call) {
+  const std::vector<std::string> types{kCellType, "application/json", kCodedCellType};
   const auto type = negotiate(call.header("Accept"), types);
-  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
   const auto& map = call.path("map");
   const CellRecord record = services.store.cell(map, CellId{call.path_id("cell")});
   const CellTags tags(record.hash);
@@ -145,6 +174,7 @@ Response get(Services& services, const Call& call) {
   response.headers.set("Vary", "Accept, Accept-Encoding");
   response.headers.set("CELLmap-Pose", pose_header(record.T_map_cell));
   response.headers.set("CELLmap-Revision", std::to_string(services.store.map(map).revision));
+  if (*type == kCodedCellType) return coded_cell(coded_cells, call, record, std::move(response));
   const bool as_json = *type == "application/json";
   const auto condition = call.header("If-None-Match");
   if (condition && matches_etag(*condition, std::array{tags.identity, tags.zstd, tags.json})) {
@@ -187,15 +217,25 @@ std::optional<Response> answer_existing(Services& services, const Call& call, Ce
   return json_response(json);
 }
 
+EncodedCell verified_cell(const std::string& body) {
+  const auto bytes = as_bytes(body);
+  return {verified_hash(bytes), Bytes(bytes.begin(), bytes.end())};
+}
+
+/// The CELL that a coded one becomes: to the bit the one that was packed, or what is left of one
+/// that was made compact, which has a hash of its own.
+EncodedCell decoded_cell(const std::string& body) {
+  return encode_cell(decode_coded_cell(as_bytes(body)).cell);
+}
+
 Response put(Services& services, const Call& call) {
   const auto& map = call.path("map");
   const auto state = services.maps.open(map);
   const CellId id{call.path_id("cell")};
-  call.content_type({kCellType});
+  const std::string type = call.content_type({kCellType, kCodedCellType});
   const std::string body = call.content(kMaxCellBytes);
-  Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
-  const CellView view = view_cell(bytes);
-  const auto cell = std::make_shared<const Cell>(view.to_cell());
+  EncodedCell encoded = type == kCellType ? verified_cell(body) : decoded_cell(body);
+  const auto cell = std::make_shared<const Cell>(decode_cell(encoded.bytes));
   Pose T_map_cell = cell->T_odom_cell;
   if (const auto header = call.header("CELLmap-Pose")) {
     const auto numbers = parse_numbers(*header, ' ', 7, "CELLmap-Pose");
@@ -203,7 +243,7 @@ Response put(Services& services, const Call& call) {
   }
   NewCell added{.id = id,
                 .cell = cell,
-                .encoded = {view.hash, std::move(bytes)},
+                .encoded = std::move(encoded),
                 .T_map_cell = T_map_cell,
                 .scans = {},
                 .raw_points = 0};
@@ -234,7 +274,10 @@ void add_cell_routes(Router& router, Services& services) {
               json,
               [&](const Call& call) { return list(services, call); }});
   const std::string one = "/v1/maps/{map}/cells/{cell}";
-  router.add({"GET", one, {}, 0, {}, [&](const Call& call) { return get(services, call); }});
+  const auto coded_cells = std::make_shared<CodedCells>(services.store);
+  router.add({"GET", one, {}, 0, {}, [&services, coded_cells](const Call& call) {
+                return get(services, *coded_cells, call);
+              }});
   router.add(
       {"PUT", one, {}, kMaxCellBytes, json, [&](const Call& call) { return put(services, call); }});
 }

@@ -11,6 +11,7 @@
 #include <variant>
 #include <vector>
 
+#include "cellmap/archive/byte_source.hpp"
 #include "cellmap/codec/cell_codec.hpp"
 
 namespace cellmap::server {
@@ -28,13 +29,15 @@ class Headers {
   std::vector<std::pair<std::string, std::string>> fields_;
 };
 
-/// An HTTP request with its whole body, as the front read it. `target` is the raw request target.
+/// An HTTP request with its whole body, as the front read it, in memory or in a file. `target` is
+/// the raw request target.
 struct Request {
   std::string method;
   std::string target;
   Headers headers;
   std::string body;
-  std::string id;  ///< names the request in logs and in X-Request-Id
+  std::string id;                    ///< names the request in logs and in X-Request-Id
+  std::shared_ptr<ByteFile> file{};  ///< the body instead, of a route that takes large ones
 };
 
 /// Bytes that many answers share without copying.
@@ -42,6 +45,13 @@ struct SharedBytes {
   std::shared_ptr<const Bytes> bytes;
   std::size_t offset = 0;
   std::size_t length = 0;
+};
+
+/// A part of a file, read as it is sent.
+struct FileBody {
+  std::shared_ptr<ByteSource> file;
+  std::uint64_t offset = 0;
+  std::uint64_t length = 0;
 };
 
 /// A body of unknown length: appends the next piece to `chunk` (nothing: try again), blocks for a
@@ -53,10 +63,10 @@ using BodyStream = std::function<bool(std::string& chunk)>;
 struct Response {
   int status = 200;
   Headers headers;
-  std::variant<std::string, SharedBytes, BodyStream> body;
+  std::variant<std::string, SharedBytes, FileBody, BodyStream> body;
 };
 
-/// The body's bytes; empty for a stream.
+/// The body's bytes; empty for a stream or a file.
 std::string_view body_view(const Response& response);
 
 inline std::span<const std::byte> as_bytes(std::string_view text) {

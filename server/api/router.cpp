@@ -123,6 +123,15 @@ std::string Call::content(std::size_t max_size) const {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
+std::shared_ptr<ByteFile> Call::file() const {
+  if (!equal_no_case(header("Content-Encoding").value_or("identity"), "identity")) {
+    throw Error(ErrorCode::kUnsupported, "Such bodies are read without Content-Encoding only.");
+  }
+  if (request_.file) return request_.file;
+  const auto bytes = as_bytes(request_.body);
+  return std::make_shared<MemoryFile>(Bytes(bytes.begin(), bytes.end()));
+}
+
 Router::Match Router::find(std::string_view method, std::string_view path) const {
   Match result;
   for (const auto& route : routes_) {

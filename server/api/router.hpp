@@ -44,6 +44,8 @@ class Call {
   Json json() const;
   /// The body, decompressed where its Content-Encoding is zstd, at most `max_size` bytes.
   std::string content(std::size_t max_size) const;
+  /// The body of a route that takes large ones; without Content-Encoding only.
+  std::shared_ptr<ByteFile> file() const;
 
  private:
   const Request& request_;
@@ -61,7 +63,8 @@ struct Route {
   std::vector<std::string>
       types;  ///< media types of its answer; empty: no negotiation (or its own)
   Handler handler;
-  bool waits = false;  ///< a GET that takes long or waits for something to happen
+  bool waits = false;         ///< a GET that takes long or waits for something to happen
+  bool body_in_file = false;  ///< bodies are large: the front puts them into a file, not in memory
 };
 
 /// Routes of the API in order; the first that fits wins.

@@ -125,6 +125,15 @@ expect 400 invalid-argument PATCH /v1/maps/town/loops/1 "${json[@]}" -d '{"pinne
 expect 404 not-found PATCH /v1/maps/town/loops/4000000 "${json[@]}" -d '{"pinned":true}'
 expect 404 not-found GET /v1/maps/town/georeference
 expect 400 invalid-argument PUT /v1/maps/town/georeference "${json[@]}" -d '{"latitude_deg":1e999}'
+archive=(-H 'Content-Type: application/vnd.cellmap.archive')
+expect 206 - GET '/v1/maps/town/archive?encoding=compact&bound=0.05' -H 'Range: bytes=0-99'
+expect 200 - GET /v1/maps/town/archive; cp "$work/body" "$work/town.cellmap"
+expect 400 invalid-argument GET '/v1/maps/town/archive?encoding=zip'
+expect 404 not-found GET /v1/maps/atlantis/archive
+expect 201 - PUT /v1/maps/copy/archive "${archive[@]}" -T "$work/town.cellmap"
+expect 409 already-exists PUT /v1/maps/copy/archive "${archive[@]}" -H 'Transfer-Encoding: chunked' -T "$work/town.cellmap"
+expect 422 corrupt-data PUT /v1/maps/other/archive "${archive[@]}" -d 'no archive'
+expect 204 - DELETE /v1/maps/copy
 expect 400 invalid-argument POST /v1/maps/town/merge "${json[@]}" -d '{"from":"town"}'
 expect 404 not-found POST /v1/maps/town/merge "${json[@]}" -d '{"from":"atlantis"}'
 expect 404 not-found POST /v1/maps/town/split "${json[@]}" -d '{"sessions":["nobody"],"into":"new"}'

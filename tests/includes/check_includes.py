@@ -27,13 +27,14 @@ ROOMS = {
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
     "archive": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec", "store"],
     "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "change", "store"],
-    "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph"],
+    "evaluation": ["core", "geometry", "scan", "cell", "registration", "place", "pose_graph", "codec"],
+    "export": ["core", "geometry", "cell", "place"],
     "simulation": ["core", "geometry", "scan"],
-    "pcl": ["core", "geometry"],
+    "pcl": ["core", "geometry", "evaluation"],
     "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
                "change", "pipeline", "codec", "store", "archive", "document"],
     "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "export", "simulation", "pcl"],
 }
 
 # vendor header -> rooms that may include it
@@ -49,6 +50,8 @@ VENDORS = {
     r"SQLiteCpp/|sqlite3\.h": ["store"],
     r"embree3/": ["simulation"],
     r"GeographicLib/": ["map"],
+    r"nanoflann\.hpp": ["evaluation"],
+    r"draco/": ["pcl"],
     r"httplib\.h": ["server", "client"],
     r"nlohmann/": ["codec", "document", "server", "client", "evaluation"],
     r"CLI/": ["server", "client"],
@@ -57,7 +60,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 

@@ -102,6 +102,19 @@ TEST(PlaceSignature, ComparingManyViewsAtOnceIsComparingEach) {
   for (std::size_t k = 0; k < best.size(); ++k) EXPECT_NEAR(best[k], expected[k], 1e-5f) << k;
 }
 
+TEST(PlaceSignature, TheMostAlikeTurnIsTheBestOfAllTurns) {
+  const PlaceSignature stored{Columns(town(3))};
+  std::vector<PlaceSignature> some;
+  for (const unsigned i : {3u, 4u, 5u}) some.emplace_back(Columns(town(i)), Eigen::Vector2d(2, 0));
+  const simd::TurnedViews views = PlaceSignature::side_by_side(some);
+  std::array<float, PlaceSignature::kSectors> by_turn;
+  for (const std::size_t harmonics : {5u, 13u}) {
+    stored.correlate(views, harmonics, by_turn);
+    EXPECT_EQ(stored.most_alike(views, harmonics),
+              *std::max_element(by_turn.begin(), by_turn.end()));
+  }
+}
+
 TEST(PlaceSignature, CorrelationPeaksAtTheTurnBetweenTwoViews) {
   const PlaceSignature place{Columns(town(1))};
   for (const int sectors : {0, 7, 45}) {
@@ -141,7 +154,7 @@ TEST(SignatureIndex, FindsPlaceAndPoseFromAnotherLaneAndHeading) {
   }
 }
 
-/// Beyond kCompareAll CELLs most are compared by their low harmonics alone.
+/// Beyond kCompareAll CELLs most are compared with every second view alone.
 TEST(SignatureIndex, InAManyTimesLargerMapTheSamePlacesAreFound) {
   SignatureIndex index;
   const std::size_t copies = SignatureIndex::kCompareAll / 20 + 1;

@@ -119,6 +119,35 @@ TEST_F(RelocalisationInATown, AScanFromAnotherTownIsNotFound) {
   }
 }
 
+/// A town that nothing was fitted on. Of wrong poses the one that agrees best is asked about.
+TEST_F(RelocalisationInATown, TheCellsAroundTellRightPosesFromWrongOnes) {
+  const auto agreement_at = [](const PointCloud& scan, const Pose& T_map_scan) {
+    std::vector<CellAround> around;
+    for (const auto& [id, T] : map_->graph.nodes) {
+      if ((T.translation() - T_map_scan.translation()).norm() > 25) continue;
+      around.push_back({map_->provider()(id), T});
+    }
+    EXPECT_GE(around.size(), 3u);
+    return agreement(score_surroundings(around, ScanView(thinned(scan, 10'000)),
+                                        thinned(scan, 2'000), T_map_scan,
+                                        default_place_registration()));
+  };
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  const auto elsewhere =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .seed = 900}.open();
+  for (const std::size_t i : {12u, 35u, 58u}) {
+    SCOPED_TRACE(i);
+    source->seek(i);
+    const PointCloud scan = source->next()->points;
+    const Pose truth = source->ground_truth()[i].pose;
+    EXPECT_GT(agreement_at(scan, truth), 0.73);
+    EXPECT_LT(agreement_at(scan, truth * upright_pose(5, 0, 0)), 0.68);
+    elsewhere->seek(i);
+    EXPECT_LT(agreement_at(elsewhere->next()->points, truth), 0.68);
+  }
+}
+
 TEST_F(RelocalisationInATown, NoAnswerLiesOutsideThePrior) {
   const auto source =
       TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();

@@ -162,6 +162,37 @@ TEST_F(Http, AChunkedBodyOverItsLimitIsRefusedWhileItComes) {
   EXPECT_THAT(answer, HasSubstr("\"code\":\"too-large\""));
 }
 
+TEST_F(Http, ALargeBodyOfUnknownLengthIsTakenAndBounded) {
+  ApiOptions small = options();
+  small.max_archive_bytes = 100'000;
+  start(small);
+  serve();
+  const std::string head =
+      "PUT /v1/maps/m/archive HTTP/1.1\r\nHost: x\r\nConnection: close\r\n"
+      "Content-Type: application/vnd.cellmap.archive\r\nTransfer-Encoding: chunked\r\n\r\n";
+  const std::string chunk = "4000\r\n" + std::string(0x4000, ' ') + "\r\n";
+  EXPECT_THAT(exchange(head + chunk + chunk + "0\r\n\r\n"), StartsWith("HTTP/1.1 422"));
+  Client client(server_->port());
+  client.send(head);
+  for (int i = 0; i < 1000 && client.send(chunk); ++i) {
+  }
+  EXPECT_THAT(client.read_all(), StartsWith("HTTP/1.1 413"));
+}
+
+TEST_F(Http, AFileIsSentWithItsLength) {
+  make_map();
+  put_street(2);
+  serve();
+  const auto answer = get_and_close("/v1/maps/town/archive");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+  const auto length = answer.size() - answer.find("\r\n\r\n") - 4;
+  EXPECT_THAT(answer, HasSubstr("Content-Length: " + std::to_string(length) + "\r\n"));
+  const auto part = get_and_close("/v1/maps/town/archive", "Range: bytes=0-7\r\n");
+  EXPECT_THAT(part, StartsWith("HTTP/1.1 206"));
+  EXPECT_THAT(part, ::testing::EndsWith("\r\n\r\n\x89"
+                                        "CELLMAP"));
+}
+
 TEST_F(Http, ADeclaredBodyOverItsLimitIsRefusedUnread) {
   serve();
   EXPECT_THAT(exchange("POST /v1/maps HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999\r\n\r\n"),

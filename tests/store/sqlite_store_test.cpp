@@ -94,6 +94,7 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
 TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   make_store();
   run_sql(file_, R"sql(
+      DROP TABLE document;
       DROP INDEX pose_constraint_by_judged;
       ALTER TABLE pose_constraint DROP COLUMN weight;
       ALTER TABLE pose_constraint DROP COLUMN pinned;

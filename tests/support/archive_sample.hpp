@@ -43,6 +43,8 @@ struct ArchiveSample {
     Cell cell = random_cell(k, planes, 1000);
     cell.session = k % 3 == 2 ? "tuesday" : "monday";
     cell.sequence = k;
+    cell.first_stamp += Stamp{k} * 1'000'000'000;
+    cell.last_stamp += Stamp{k} * 1'000'000'000;
     const CellId id{2 * k + 1};
     contents.graph.nodes[id] = random_pose(rng);
     if (k % 3 == 2) contents.graph.unaligned.insert(id);

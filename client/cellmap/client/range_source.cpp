@@ -53,14 +53,9 @@ class HttpFile : public ByteSource {
       request.headers["if-unmodified-since"] = modified_;
     }
     request.max_answer_bytes = length;
-    const HttpResponse response = transport_.perform(request);
+    const HttpResponse response = perform(request);
     const auto range = parse_content_range(response.header("content-range"));
-    if (response.status != 206 || !range || range->begin != offset) {
-      throw Error(ErrorCode::kUnsupported,
-                  "the web server of " + url_ +
-                      " does not send parts of files (HTTP Range); fetch "
-                      "the whole file and name that, or use another server");
-    }
+    if (response.status != 206 || !range || range->begin != offset) throw no_ranges();
     remember(response, range->total);
     const auto bytes = client::as_bytes(response.body);
     const std::uint64_t expected = std::min<std::uint64_t>(length, range->total - offset);
@@ -84,6 +79,23 @@ class HttpFile : public ByteSource {
   std::string name() const override { return url_; }
 
  private:
+  Error no_ranges() const {
+    return Error(ErrorCode::kUnsupported,
+                 "the web server of " + url_ +
+                     " does not send parts of files (HTTP Range); fetch "
+                     "the whole file and name that, or use another server");
+  }
+
+  HttpResponse perform(const HttpRequest& request) {
+    try {
+      return transport_.perform(request);
+    } catch (const Error& error) {
+      // The whole file instead of a part; it is not read to its end.
+      if (error.code() == ErrorCode::kTooLarge) throw no_ranges();
+      throw;
+    }
+  }
+
   void remember(const HttpResponse& response, std::uint64_t total) {
     // A weak tag does not tell whether bytes are equal.
     std::string etag = response.header("etag");

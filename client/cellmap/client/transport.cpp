@@ -99,8 +99,21 @@ Transport::Attempt Transport::attempt(const HttpRequest& request) {
     attempt.no_body = response.status == 304 && attempt.response.header("content-length") != "0";
     return !attempt.no_body;
   };
+  std::exception_ptr failure;  // not through the HTTP library, which is not made for it
+  if (const auto& large = request.large_body) {
+    http.content_length_ = large->length;
+    http.content_provider_ = [&](std::size_t offset, std::size_t length, httplib::DataSink& sink) {
+      try {
+        const std::string piece = large->read(offset, length);
+        return !piece.empty() && sink.write(piece.data(), piece.size());
+      } catch (...) {
+        failure = std::current_exception();
+        return false;
+      }
+    };
+  }
   ++traffic_.requests;
-  traffic_.sent_bytes += request.body.size();
+  traffic_.sent_bytes += request.large_body ? request.large_body->length : request.body.size();
   http.content_receiver = [&](const char* data, std::size_t size, std::uint64_t, std::uint64_t) {
     traffic_.received_bytes += size;
     attempt.too_large = attempt.response.body.size() + size > request.max_answer_bytes;
@@ -108,6 +121,7 @@ Transport::Attempt Transport::attempt(const HttpRequest& request) {
     return !attempt.too_large;
   };
   const httplib::Result result = impl_->http->send(http);
+  if (failure) std::rethrow_exception(failure);
   attempt.error = attempt.no_body ? httplib::Error::Success : result.error();
   return attempt;
 }

@@ -3,6 +3,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <string_view>
@@ -14,6 +15,13 @@ namespace cellmap::client {
 /// Header names in lower case.
 using Headers = std::map<std::string, std::string>;
 
+/// A body that is read while it is sent.
+struct LargeBody {
+  std::uint64_t length = 0;
+  /// At least one byte and at most so many, from an offset below `length`; empty: it failed.
+  std::function<std::string(std::uint64_t, std::size_t)> read;
+};
+
 struct HttpRequest {
   std::string method = "GET";
   std::string path;  ///< below the server's prefix, with query, percent-encoded
@@ -21,6 +29,7 @@ struct HttpRequest {
   std::string body;
   std::size_t max_answer_bytes = 64u << 20;  ///< a longer body is Error{kTooLarge}
   bool idempotent = true;  ///< may be sent again where it is not known whether it arrived
+  std::optional<LargeBody> large_body{};  ///< instead of `body`
 };
 
 struct HttpResponse {

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 
 #include "cellmap/core/error.hpp"
@@ -104,6 +105,18 @@ Bytes MemoryFile::read(std::uint64_t offset, std::size_t length) {
 void MemoryFile::write(std::uint64_t offset, std::span<const std::byte> bytes) {
   if (bytes_.size() < offset + bytes.size()) bytes_.resize(offset + bytes.size());
   std::copy(bytes.begin(), bytes.end(), bytes_.begin() + static_cast<std::ptrdiff_t>(offset));
+}
+
+std::unique_ptr<ByteFile> open_temporary_file(const std::filesystem::path& folder) {
+  const auto where = folder.empty() ? std::filesystem::temp_directory_path() : folder;
+  std::string name = (where / "cellmap-XXXXXX").string();
+  const int descriptor = ::mkostemp(name.data(), O_CLOEXEC);
+  if (descriptor < 0) {
+    throw Error(ErrorCode::kIo,
+                "cannot make a file in '" + where.string() + "': " + std::strerror(errno));
+  }
+  ::unlink(name.c_str());
+  return std::make_unique<LocalFile>(descriptor, "a temporary file");
 }
 
 std::unique_ptr<ByteFile> open_file(const std::filesystem::path& file, FileMode mode) {

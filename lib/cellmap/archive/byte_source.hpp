@@ -59,8 +59,12 @@ class MemoryFile : public ByteFile {
 
 enum class FileMode { kRead, kUpdate, kCreate };
 
-/// A file of this machine. kCreate replaces one that is there. Throws Error{kNotFound} where there
-/// is none, Error{kIo}.
+/// A file of this machine, which several threads may read at once. kCreate replaces one that is
+/// there. Throws Error{kNotFound} where there is none, Error{kIo}.
 std::unique_ptr<ByteFile> open_file(const std::filesystem::path& file, FileMode mode);
+
+/// A file without a name, gone with the object; in `folder` (empty: the system's for such files).
+/// Throws Error{kIo}.
+std::unique_ptr<ByteFile> open_temporary_file(const std::filesystem::path& folder = {});
 
 }  // namespace cellmap

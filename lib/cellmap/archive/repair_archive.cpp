@@ -116,8 +116,10 @@ class Repair {
     }
     std::ranges::stable_sort(states, std::greater<>(), &ArchiveState::serial);
     const bool intact = std::ranges::any_of(states, [&](const auto& s) { return try_state(s); });
-    if (!intact) report_.notes.push_back("the footer is lost: names, sessions' descriptions and "
-                                         "where poses and scans are");
+    if (!intact)
+      report_.notes.push_back(
+          "the footer is lost: names, sessions' descriptions and "
+          "where poses and scans are");
     if (footer_) lattice_ = footer_->lattice;
   }
 
@@ -125,8 +127,7 @@ class Repair {
     Scanner scanner(damaged_);
     const std::uint64_t end = footer_ ? footer_->sections.front().offset : scanner.size();
     for (std::uint64_t at = kArchiveFirstReadBytes; at + kArchiveRecordHeaderBytes <= end;) {
-      const auto header =
-          decode_archive_record_header(scanner.at(at, kArchiveRecordHeaderBytes));
+      const auto header = decode_archive_record_header(scanner.at(at, kArchiveRecordHeaderBytes));
       const std::uint64_t bytes =
           header ? kArchiveRecordHeaderBytes + header->payload_bytes : kArchiveAlignment;
       if (header && !take(scanner, at, static_cast<std::uint32_t>(bytes))) {
@@ -169,8 +170,8 @@ class Repair {
   Bytes section(ArchiveSectionKind kind) {
     const auto section = std::ranges::find(footer_->sections, kind, &ArchiveSection::kind);
     if (section == footer_->sections.end()) return {};
-    const Bytes bytes = damaged_.read(section->offset, std::min<std::uint64_t>(
-                                                           section->bytes, damaged_.size()));
+    const Bytes bytes =
+        damaged_.read(section->offset, std::min<std::uint64_t>(section->bytes, damaged_.size()));
     if (checksum(bytes) != section->checksum) {
       throw Error(ErrorCode::kCorruptData, "it fails its checksum");
     }
@@ -199,7 +200,8 @@ class Repair {
     }
     for (const auto& [id, cell] : found_) {
       const auto known = std::ranges::find(contents_.sessions, cell.session, &ArchiveSession::name);
-      if (known == contents_.sessions.end()) contents_.sessions.push_back({cell.session, {}, {}, {}, 0});
+      if (known == contents_.sessions.end())
+        contents_.sessions.push_back({cell.session, {}, {}, {}, 0});
     }
     if (!has_poses) place_by_odometry();
     drop_lost_cells();
@@ -207,8 +209,9 @@ class Repair {
 
   void place_by_odometry() {
     if (found_.empty()) return;
-    report_.notes.push_back("the poses are lost: CELLs are where odometry had them, and nothing "
-                            "ties sessions together; 'cellmap build' or 'ingest' maps them anew");
+    report_.notes.push_back(
+        "the poses are lost: CELLs are where odometry had them, and nothing "
+        "ties sessions together; 'cellmap build' or 'ingest' maps them anew");
     contents_.graph = {};
     contents_.graph.revision = 1;
     const std::string& first = found_.begin()->second.session;

@@ -148,7 +148,8 @@ class Verification {
     const Bytes record = source_.read(entry.offset, entry.bytes);
     const ArchiveCell cell = decode_archive_record(record, reader.head().lattice);
     const auto mismatch = [&](const char* what) {
-      return Error(ErrorCode::kCorruptData, "CELL " + std::to_string(entry.cell.value) + " " + what);
+      return Error(ErrorCode::kCorruptData,
+                   "CELL " + std::to_string(entry.cell.value) + " " + what);
     };
     if (cell.id != entry.cell) throw mismatch("is not where the directory says");
     if (footer_ && (cell.encoding != footer_->encoding || cell.bound_m != footer_->bound_m)) {

@@ -211,4 +211,9 @@ std::size_t coarse_cell_bytes(std::span<const std::byte> bytes) {
   return checked_coarse_bytes(copy, root(copy));
 }
 
+ContentHash coded_content_hash(std::span<const std::byte> bytes) {
+  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxTables);
+  return hash_from_wire(*root(copy).content_hash());
+}
+
 }  // namespace cellmap

@@ -55,6 +55,10 @@ DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t fi
 /// throws as `decode_coded_cell`.
 std::size_t coarse_cell_bytes(std::span<const std::byte> bytes);
 
+/// The content hash that a coded CELL claims; structure checked, bytes not. Throws as
+/// `decode_coded_cell`.
+ContentHash coded_content_hash(std::span<const std::byte> bytes);
+
 /// Limit of a coded CELL.
 constexpr std::size_t kMaxCodedCellBytes = 24u << 20;
 

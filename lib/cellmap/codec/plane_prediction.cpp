@@ -24,17 +24,26 @@ std::int64_t floor_mean(std::int64_t sum, std::int64_t count) {
   return sum >= 0 ? sum / count : -((-sum + count - 1) / count);
 }
 
+/// The neighbours of a patch that count, by coordinate. Not initialised: the first `count` are set.
+struct Seen {
+  std::int64_t w[6], s1[6], s2[6];
+};
+
 /// The one at place floor(count / 2) of the inverse ranges in ascending order.
-std::int64_t median_of(const std::array<PatchPlane, 6>& planes, std::size_t count) {
-  std::array<std::int64_t, 6> w;
-  for (std::size_t n = 0; n < w.size(); ++n) w[n] = n < count ? planes[n].w : kMaxInverseRange;
-  constexpr std::uint8_t kNetwork[][2] = {{0, 5}, {1, 3}, {2, 4}, {1, 2}, {3, 4}, {0, 3},
-                                          {2, 5}, {0, 1}, {2, 3}, {4, 5}, {1, 2}, {3, 4}};
-  for (const auto& [a, b] : kNetwork) {
+std::int64_t median_of(const Seen& seen, std::size_t count) {
+  std::int64_t w[6];
+  for (std::size_t n = 0; n < 6; ++n) w[n] = n < count ? seen.w[n] : kMaxInverseRange;
+  const auto order = [&](int a, int b) {
     const std::int64_t low = std::min(w[a], w[b]), high = std::max(w[a], w[b]);
     w[a] = low;
     w[b] = high;
-  }
+  };
+  // A sorting network, written out: a loop over its pairs is not unrolled.
+  order(0, 5), order(1, 3), order(2, 4);
+  order(1, 2), order(3, 4);
+  order(0, 3), order(2, 5);
+  order(0, 1), order(2, 3), order(4, 5);
+  order(1, 2), order(3, 4);
   return w[count / 2];
 }
 
@@ -72,14 +81,17 @@ void KnownPlanes::move_to(std::size_t sphere, std::uint32_t point) {
 }
 
 PlanePrediction KnownPlanes::predict(const PatchFrame& frame) {
-  std::array<PatchPlane, kUsed> seen;
+  Seen seen;
   std::size_t count = 0, known = 0;
   const std::uint32_t* const here = slots_.data() + lattice_.first_place[sphere_] + point_;
   for (const std::int32_t offset : lattice_.belts[sphere_].offsets_at(point_)) {
     const std::uint32_t slot = here[offset];
     if (slot == 0) continue;
     const PatchPlane plane = frame.to_patch(planes_[slot]);
-    if (plane.is_in_range()) seen[count++] = plane;
+    seen.w[count] = plane.w;
+    seen.s1[count] = plane.s1;
+    seen.s2[count] = plane.s2;
+    count += plane.is_in_range();
     if (++known == kUsed) break;
   }
   PlanePrediction prediction;
@@ -96,22 +108,22 @@ PlanePrediction KnownPlanes::predict(const PatchFrame& frame) {
   // without branches, which no processor would foresee.
   const std::int64_t median = median_of(seen, count);
   const std::int64_t tolerance = median >> 4;
-  std::array<std::int64_t, kUsed> agrees{};  // -1 or 0
-  PatchPlane sum;
-  std::int64_t agreeing = 0;
+  std::int64_t agrees[kUsed];  // -1 or 0
+  std::int64_t w = 0, s1 = 0, s2 = 0, agreeing = 0;
   for (std::size_t n = 0; n < count; ++n) {
-    agrees[n] = -static_cast<std::int64_t>(std::abs(seen[n].w - median) <= tolerance);
-    sum.w += seen[n].w & agrees[n];
-    sum.s1 += seen[n].s1 & agrees[n];
-    sum.s2 += seen[n].s2 & agrees[n];
+    agrees[n] = -static_cast<std::int64_t>(std::abs(seen.w[n] - median) <= tolerance);
+    w += seen.w[n] & agrees[n];
+    s1 += seen.s1[n] & agrees[n];
+    s2 += seen.s2[n] & agrees[n];
     agreeing -= agrees[n];
   }
-  PatchPlane& mean = prediction.plane;
-  mean = {floor_mean(sum.w, agreeing), floor_mean(sum.s1, agreeing), floor_mean(sum.s2, agreeing)};
+  const PatchPlane mean{floor_mean(w, agreeing), floor_mean(s1, agreeing),
+                        floor_mean(s2, agreeing)};
+  prediction.plane = mean;
   for (std::size_t n = 0; n < count; ++n) {
-    prediction.w_spread += std::abs(seen[n].w - mean.w) & agrees[n];
+    prediction.w_spread += std::abs(seen.w[n] - mean.w) & agrees[n];
     prediction.s_spread +=
-        (std::abs(seen[n].s1 - mean.s1) + std::abs(seen[n].s2 - mean.s2)) & agrees[n];
+        (std::abs(seen.s1[n] - mean.s1) + std::abs(seen.s2[n] - mean.s2)) & agrees[n];
   }
   prediction.agreeing = static_cast<int>(agreeing);
   return prediction;

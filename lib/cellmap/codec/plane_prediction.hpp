@@ -42,8 +42,12 @@ struct InversePlane {
 struct PatchPlane {
   std::int64_t w = 0, s1 = 0, s2 = 0;
   bool is_in_range() const {
-    const auto small = [](std::int64_t v) { return -kMaxInverseRange < v && v < kMaxInverseRange; };
-    return w > 0 && small(w) && small(s1) && small(s2);
+    // One comparison each, and no branch between them.
+    const auto is_small = [](std::int64_t v) {
+      return static_cast<std::uint64_t>(v + kMaxInverseRange - 1) <
+             2 * static_cast<std::uint64_t>(kMaxInverseRange) - 1;
+    };
+    return (w > 0) & is_small(w) & is_small(s1) & is_small(s2);
   }
 };
 

@@ -219,6 +219,7 @@ PlaceSignature::Correlation PlaceSignature::visible_share(
 
 simd::TurnedViews PlaceSignature::side_by_side(const std::vector<PlaceSignature>& signatures) {
   simd::TurnedViews views;
+  views.views = signatures.size();
   views.rows = kRows;
   views.harmonics = kHarmonics + 1;
   views.cosine.assign(kRows * (kHarmonics + 1) * simd::TurnedViews::kViews, 0.0f);

@@ -96,11 +96,17 @@ PoseSearchOptions RelocaliseOptions::search() const {
 struct PlaceIndex::Impl {
   SignatureIndex signatures;
 
-  /// Slots of the CELLs with a pose and, where there is a prior, near enough to it.
-  std::vector<std::size_t> slots_to_consider(const PoseGraph& graph,
-                                             const std::optional<PosePrior>& prior) const {
-    const double reach_m = prior ? prior->radius_m + kCellReachM : 0.0;
+  /// The CELLs that may be the answer, and where they are.
+  struct Considered {
     std::vector<std::size_t> slots;
+    std::vector<Eigen::Vector3d> positions;  // of each
+  };
+
+  /// The CELLs with a pose and, where there is a prior, near enough to it.
+  Considered cells_to_consider(const PoseGraph& graph,
+                               const std::optional<PosePrior>& prior) const {
+    const double reach_m = prior ? prior->radius_m + kCellReachM : 0.0;
+    Considered cells;
     auto node = graph.nodes.begin();
     for (const auto& [id, slot] : signatures.slots()) {  // both in order of id
       while (node != graph.nodes.end() && node->first < id) ++node;
@@ -109,10 +115,11 @@ struct PlaceIndex::Impl {
       if (!prior ||
           (node->second.translation() - prior->T_map_scan.translation()).head<2>().norm() <=
               reach_m) {
-        slots.push_back(slot);
+        cells.slots.push_back(slot);
+        cells.positions.push_back(node->second.translation());
       }
     }
-    return slots;
+    return cells;
   }
 
   /// One CELL and the alignments to start from; without a start where the prior allows none.
@@ -139,15 +146,14 @@ struct PlaceIndex::Impl {
 
   /// The CELL and the nearest others around a pose, no two at the same place.
   std::vector<CellAround> cells_around(CellId own, const Pose& T_map_scan,
-                                       const std::vector<std::size_t>& slots,
-                                       const PoseGraph& graph,
+                                       const Considered& considered, const PoseGraph& graph,
                                        const TargetProvider& targets) const {
     constexpr double kReachM = 30.0, kApartM = 4.0;
     constexpr std::size_t kMost = 7;
     std::vector<std::pair<double, CellId>> near;
-    for (const std::size_t slot : slots) {
-      const CellId id = signatures.id(slot);
-      const double metres = (graph.nodes.at(id).translation() - T_map_scan.translation()).norm();
+    for (std::size_t i = 0; i < considered.slots.size(); ++i) {
+      const double metres = (considered.positions[i] - T_map_scan.translation()).norm();
+      const CellId id = signatures.id(considered.slots[i]);
       if (id != own && metres <= kReachM) near.push_back({metres, id});
     }
     std::sort(near.begin(), near.end());
@@ -246,16 +252,16 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
   options.validate();
   const RelocalisationQuery query = checked(raw_query);
   RelocalisationAnswer answer;
-  const std::vector<std::size_t> slots = impl_->slots_to_consider(graph, query.prior);
-  answer.cells_considered = slots.size();
-  if (query.points.empty() || slots.empty()) return answer;
+  const Impl::Considered considered = impl_->cells_to_consider(graph, query.prior);
+  answer.cells_considered = considered.slots.size();
+  if (query.points.empty() || considered.slots.empty()) return answer;
 
   const DescribedQuery described(query.points);
   std::vector<PlaceToTry> places =
-      impl_->similar_places(described, slots, graph, query.prior, options);
+      impl_->similar_places(described, considered.slots, graph, query.prior, options);
   for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
   const auto around = [&](CellId own, const Pose& T_map_scan) {
-    return impl_->cells_around(own, T_map_scan, slots, graph, targets);
+    return impl_->cells_around(own, T_map_scan, considered, graph, targets);
   };
   std::vector<RelocalisationCandidate> tried =
       try_places(places, QueryPoints(query, described, options), around, query.prior, options);

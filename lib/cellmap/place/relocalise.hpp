@@ -58,7 +58,8 @@ struct RelocaliseOptions {
   std::size_t refine_points = 30'000;
   /// A place is believed where its registration passes this and holds every motion (not
   /// degenerate; a prior may hold what the scene does not), with at least this confidence, and,
-  /// below 0.995 and without a prior, where query and CELL look alike from above too.
+  /// where there are no CELLs around to ask, below 0.995 and without a prior, where query and CELL
+  /// look alike from above too.
   AcceptanceOptions acceptance = searched_place_acceptance();
   double min_confidence = 0.9;
   RegistrationOptions registration = default_place_registration();
@@ -119,12 +120,12 @@ class PlaceIndex {
 
   /// Likeness of what both show from above, from 25 points around the scan, orders the places;
   /// registration on few points orders them anew, and the best are registered with many and
-  /// accepted only where the scores agree. The most alike places are tried first: a certain answer
-  /// among them ends the search. With a prior, only CELLs near it are tried, from a
+  /// accepted only where the scores agree and the CELLs around confirm them. The most alike places
+  /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it are tried, from a
   /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
   /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
   /// gives the current poses of the CELLs in the index, `targets` loads the few that are registered
-  /// to.
+  /// to and the six nearest to each answer.
   RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
                                   const TargetProvider& targets,
                                   const std::optional<PosePrior>& prior,

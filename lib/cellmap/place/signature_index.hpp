@@ -32,6 +32,8 @@ class DescribedQuery {
   const std::vector<Copy>& copies() const { return copies_; }
   const GroundFrame& ground() const { return ground_; }
   const simd::TurnedViews& views() const { return views_; }
+  /// Every second of the views, as on the squares of one colour: enough to leave most CELLs out.
+  const simd::TurnedViews& some_views() const { return some_views_; }
   /// Sectors around the query that it has points in; what a place shows elsewhere does not count.
   const std::array<bool, Columns::kSectors>& seen() const { return seen_; }
   bool sees_all() const { return sees_all_; }
@@ -42,7 +44,7 @@ class DescribedQuery {
  private:
   GroundFrame ground_;
   std::vector<Copy> copies_;
-  simd::TurnedViews views_;
+  simd::TurnedViews views_, some_views_;
   std::array<bool, Columns::kSectors> seen_;
   bool sees_all_ = true;
 };
@@ -58,7 +60,7 @@ class SignatureIndex {
   CellId id(std::size_t slot) const { return ids_[slot]; }
   const GroundFrame& ground(CellId cell) const { return grounds_[slots_.at(cell)]; }
 
-  /// More CELLs than this are first compared by their low harmonics alone.
+  /// More CELLs than this are first compared with every second view alone.
   static constexpr std::size_t kCompareAll = 2'000;
   /// Of them, so many are then compared by all.
   static constexpr std::size_t kShortlist = 1'000;
@@ -77,11 +79,11 @@ class SignatureIndex {
                                     std::size_t count) const;
 
  private:
-  /// Of the CELLs at `slots`, the `count` best by the first harmonics, best first.
-  std::vector<std::size_t> best_of(const DescribedQuery& query,
-                                   const std::vector<std::size_t>& slots, std::size_t harmonics,
-                                   std::size_t count, int threads) const;
-  float likeness(const DescribedQuery& query, std::size_t slot, std::size_t harmonics) const;
+  /// Of the CELLs at `slots`, the `count` best, best first.
+  template <typename Likeness>
+  std::vector<std::size_t> best_of(const std::vector<std::size_t>& slots, std::size_t count,
+                                   int threads, const Likeness& likeness) const;
+  float likeness(const DescribedQuery& query, std::size_t slot) const;
 
   std::map<CellId, std::size_t> slots_;
   std::vector<CellId> ids_;  // by slot

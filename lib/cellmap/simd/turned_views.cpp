@@ -39,7 +39,7 @@ void CorrelateTurned(const TurnedViews& views, const float* cosine, const float*
   const F f;
   VF even[TurnedViews::kMostHarmonics], odd[TurnedViews::kMostHarmonics];
   for (std::size_t t = 0; t < kTurns; ++t) best[t] = -2.0f;
-  for (std::size_t first = 0; first < kViews; first += hn::Lanes(f)) {
+  for (std::size_t first = 0; first < views.views; first += hn::Lanes(f)) {
     multiply(views, cosine, sine, first, harmonics, even, odd);
     // Turns to either side have the same cosines and opposite sines.
     for (std::size_t t = 0; t <= kTurns / 2; ++t) {
@@ -60,7 +60,7 @@ float BestTurned(const TurnedViews& views, const float* cosine, const float* sin
   const F f;
   VF even[TurnedViews::kMostHarmonics], odd[TurnedViews::kMostHarmonics];
   VF best = hn::Set(f, -2.0f);
-  for (std::size_t first = 0; first < kViews; first += hn::Lanes(f)) {
+  for (std::size_t first = 0; first < views.views; first += hn::Lanes(f)) {
     multiply(views, cosine, sine, first, harmonics, even, odd);
     for (std::size_t t = 0; t <= kTurns / 2; ++t) {
       VF a = hn::Zero(f), b = hn::Zero(f);

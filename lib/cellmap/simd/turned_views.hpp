@@ -13,6 +13,7 @@ struct TurnedViews {
   static constexpr std::size_t kTurns = 60;
   static constexpr std::size_t kMostHarmonics = 16;
 
+  std::size_t views = kViews;  ///< that are not zero: the first ones
   std::size_t rows = 0;
   std::size_t harmonics = 0;        ///< with the zeroth; at most kMostHarmonics
   std::vector<float> cosine, sine;  ///< value of view v at (harmonic * rows + row) * kViews + v

@@ -162,8 +162,18 @@ ALTER TABLE map ADD COLUMN height_m      REAL;
 ALTER TABLE map ADD COLUMN R_enu_map     BLOB;
 )sql";
 
+// Version 4: texts that are kept with a map (store/documents.hpp).
+constexpr const char* kVersion4 = R"sql(
+CREATE TABLE document (
+  map            INTEGER NOT NULL REFERENCES map(id),
+  name           TEXT    NOT NULL,
+  content        TEXT    NOT NULL,
+  PRIMARY KEY (map, name)
+) WITHOUT ROWID;
+)sql";
+
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3};
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4};
 
 void apply_migration(SqliteConnection& connection, std::size_t version) {
   connection.execute("BEGIN IMMEDIATE");

@@ -3,6 +3,7 @@
 #include <chrono>
 
 #include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/sqlite_cells.hpp"
 #include "cellmap/store/sqlite_reads.hpp"
@@ -62,7 +63,7 @@ struct SqliteWriter {
   std::unique_ptr<SqliteConnection> connection;
 };
 
-class SqliteStore final : public Store {
+class SqliteStore final : public Store, public Documents {
  public:
   SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
       : file_(file),
@@ -95,6 +96,26 @@ class SqliteStore final : public Store {
                         const std::optional<Georeference>& georeference) override {
     if (georeference) georeference->validate();
     write([&](SqliteConnection& c) { write_georeference(c, map, georeference); });
+  }
+
+  void put_document(const std::string& map, const std::string& name,
+                    const std::string& text) override {
+    if (text.size() > kMaxBytes) {
+      throw Error(ErrorCode::kTooLarge, "a document of a map is at most " +
+                                            std::to_string(kMaxBytes) + " bytes long, not " +
+                                            std::to_string(text.size()));
+    }
+    write([&](SqliteConnection& c) { write_document(c, map, name, text); });
+  }
+
+  std::optional<std::string> document(const std::string& map,
+                                      const std::string& name) const override {
+    return readers_.read([&](SqliteConnection& c) -> std::optional<std::string> {
+      Query row(c, "SELECT content FROM document WHERE map = ? AND name = ?",
+                read_map_row(c, map).key, name);
+      if (!row.next()) return std::nullopt;
+      return row.text(0);
+    });
   }
 
   std::vector<MapInfo> maps() const override {

@@ -360,13 +360,23 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
   const std::int64_t map = read_map_row(connection, name).key;
   for (const char* const statement :
        {"DELETE FROM pose_constraint WHERE map = ?", "DELETE FROM cell_scans WHERE map = ?",
-        "DELETE FROM cell_pose WHERE map = ?", "DELETE FROM session WHERE map = ?"}) {
+        "DELETE FROM cell_pose WHERE map = ?", "DELETE FROM session WHERE map = ?",
+        "DELETE FROM document WHERE map = ?"}) {
     Query(connection, statement, map).run();
   }
   const std::vector<Bytes> hashes = read_hashes(connection, "WHERE map = ?", map);
   Query(connection, "DELETE FROM cell WHERE map = ?", map).run();
   delete_unused_blobs(connection, hashes);
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
+}
+
+void write_document(SqliteConnection& connection, const std::string& map, const std::string& name,
+                    const std::string& text) {
+  Query(connection,
+        "INSERT INTO document (map, name, content) VALUES (?, ?, ?) "
+        "ON CONFLICT (map, name) DO UPDATE SET content = excluded.content",
+        read_map_row(connection, map).key, name, text)
+      .run();
 }
 
 void write_georeference(SqliteConnection& connection, const std::string& map,

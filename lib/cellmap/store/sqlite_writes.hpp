@@ -17,6 +17,8 @@ void remove_map(SqliteConnection& connection, const std::string& name);
 
 void write_georeference(SqliteConnection& connection, const std::string& map,
                         const std::optional<Georeference>& georeference);
+void write_document(SqliteConnection& connection, const std::string& map, const std::string& name,
+                    const std::string& text);
 void insert_session(SqliteConnection& connection, const std::string& map,
                     const SessionInfo& session);
 
