@@ -30,7 +30,7 @@ export class Browser {
       executablePath: "/usr/bin/chromium",
       headless: true,
       args: [...FLAGS, ...drawing],
-      viewport: { width: 1200, height: 760 },
+      viewport: { width: 1080, height: 680 },
       colorScheme: "dark",
     });
     return new Browser(context, profile);
@@ -38,6 +38,7 @@ export class Browser {
 
   async page(): Promise<Page> {
     const page = await this.context.newPage();
+    page.setDefaultTimeout(60_000);
     page.on("pageerror", (error) => this.complaints.push(String(error)));
     page.on("console", (message) => {
       if (message.type() === "error") this.complaints.push(message.text());
@@ -68,7 +69,7 @@ export async function loaded(page: Page): Promise<void> {
       return figures !== undefined && figures.wanted > 0 && figures.loaded === figures.wanted && figures.patches > 0;
     },
     undefined,
-    { timeout: 40_000 },
+    { timeout: 120_000 },
   );
 }
 

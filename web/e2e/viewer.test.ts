@@ -31,7 +31,7 @@ afterEach(() => page.close());
 
 /** Opens the map with few enough patches for drawing in software. */
 async function openMap(hash = "#/town", url = server.url): Promise<void> {
-  await page.goto(`${url}/?budget=12000${hash}`);
+  await page.goto(`${url}/?budget=6000${hash}`);
   await loaded(page);
 }
 
@@ -113,7 +113,7 @@ describe("with a map", () => {
   test("a dropped scan is found where it was taken", async () => {
     await openMap();
     await drop(town.scan(40), "000040.bin");
-    await page.getByRole("heading", { name: /Found near CELL/ }).waitFor({ timeout: 30_000 });
+    await page.getByRole("heading", { name: /Found near CELL/ }).waitFor({ timeout: 90_000 });
     const position = await page.locator(".facts dd").first().textContent();
     const [x, y] = position!.split(",").map(parseFloat) as [number, number];
     const graph = await server.json<{ cells: { pose: number[] }[] }>("/v1/maps/town/cells");
@@ -143,7 +143,7 @@ describe("with a map", () => {
     await page.getByRole("button", { name: "Start ingest" }).click();
     await page.locator('.job[data-state="running"]').waitFor();
     await screenshot(page, "08-job");
-    await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 50_000 });
+    await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 150_000 });
     await page.getByRole("tab", { name: "Map" }).click();
     await page.getByRole("button", { name: /tuesday/ }).waitFor();
     expect(browser.complaints).toEqual([]);
@@ -197,7 +197,7 @@ describe("the past and files", () => {
     const file = town.archive();
     const asked: string[] = [];
     page.on("request", (request) => asked.push(new URL(request.url()).pathname));
-    await page.goto(`${server.url}/?budget=12000`);
+    await page.goto(`${server.url}/?budget=6000`);
     await page.getByRole("link", { name: /town/ }).waitFor();
     asked.length = 0;
     await page.locator('input[type="file"]').setInputFiles(file);
@@ -257,7 +257,7 @@ describe("when something is wrong", () => {
     const ours = await Cellmapd.start(town.copy("gone.db"));
     await openMap("#/town", ours.url);
     await ours.stop();
-    await page.getByText("connection lost").waitFor({ timeout: 20_000 });
+    await page.getByText("connection lost").waitFor({ timeout: 60_000 });
     expect((await picture(page)).colours).toBeGreaterThan(50);
     await page.getByRole("link", { name: /all maps/ }).click();
     await page.getByRole("alert").filter({ hasText: "does not answer" }).waitFor();
