@@ -9,11 +9,11 @@ export function trace(upper: Float64Array): number {
 }
 
 /**
- * Whether no eigenvalue lies below -1e-9 of the trace, what rounding leaves of 0: by Cholesky's elimination of the
- * matrix with that much added to its diagonal.
+ * Whether no eigenvalue lies below -1e-6 of the largest coefficient, what rounding may leave of 0: by elimination of
+ * the matrix with that much added to its diagonal.
  */
 export function isPositiveSemidefinite(upper: Float64Array): boolean {
-  const slack = 1e-9 * trace(upper);
+  const slack = 1e-6 * upper.reduce((largest, x) => Math.max(largest, Math.abs(x)), 0);
   const m: number[][] = [];
   for (let i = 0; i < 6; ++i) m.push(Array.from({ length: 6 }, (_, j) => upper[at(i, j)]! + (i === j ? slack : 0)));
   for (let k = 0; k < 6; ++k) {

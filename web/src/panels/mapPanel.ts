@@ -77,8 +77,13 @@ export class MapPanel implements Panel {
     let asked: ReturnType<typeof setTimeout>;
     const show = async (): Promise<void> => {
       const revision = Number(slider.value);
-      label.textContent = revision >= newest() ? "The map as it is. Drag to see it as it was." : `The map as it was at revision ${revision}.`;
-      await this.context.showRevision(revision >= newest() ? null : revision).catch((error: Error) => (label.textContent = error.message));
+      const past = revision < newest() ? revision : null;
+      try {
+        await this.context.showRevision(past);
+        label.textContent = past === null ? "The map as it is. Drag to see it as it was." : `The map as it was at revision ${past}.`;
+      } catch (error) {
+        label.textContent = (error as Error).message;
+      }
     };
     slider.addEventListener("input", () => {
       slider.max = String(newest());
