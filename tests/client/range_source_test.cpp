@@ -91,8 +91,9 @@ TEST(HttpFile, AServerWithoutRangesIsRefusedNotDownloaded) {
   server.knows_ranges = false;
   expect_error(
       ErrorCode::kUnsupported, [&] { server.open()->read(0, 10); }, "HTTP Range");
+  const ClientOptions options;
   expect_error(
-      ErrorCode::kInvalidArgument, [] { open_http_file("http://host"); }, "http://");
+      ErrorCode::kInvalidArgument, [&] { open_http_file("http://host", options); }, "http://");
 }
 
 TEST(HttpFile, AnyCellIsOneRequestAfterTheFirstTwo) {
