@@ -108,8 +108,8 @@ bool is_acceptable(const StructureScores& scores, const StructureAcceptance& opt
 double confidence_of(const StructureScores& scores, double weakest_share);
 /// The same where the CELLs around were asked too: their odds are added to the CELL's own, none at
 /// an `agreement` of 0.68, midway between right poses and wrong ones of the simulated cities 101 to
-/// 103 and of every second loop query of KITTI 00 (0.65 and above; 0.60 and below, but for six of
-/// 219 that their own CELL speaks against). Where fewer than 12 parts of the view can be judged
+/// 103 and of the loop queries of KITTI 00 (0.65 and above; 0.60 and below, but for six of 219 that
+/// their own CELL speaks against). Where fewer than 12 parts of the view can be judged
 /// they can only raise doubt: a narrow view shows one wall to many CELLs. With fewer than
 /// `kFewestAround` CELLs, the CELL's own confidence.
 double confidence_of(const StructureScores& scores, const SurroundingsScores& surroundings,
