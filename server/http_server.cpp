@@ -268,6 +268,9 @@ HttpServer::HttpServer(Api& api, std::shared_ptr<spdlog::logger> log, HttpServer
           [this](const RequestHead& head) { return impl_->api.may_wait(head.method, head.target); },
           [this](Connection& connection, const RequestHead& head) {
             return impl_->serve(connection, head);
+          },
+          [this](const std::exception& error) {
+            impl_->log->error("a connection failed: {}", error.what());
           }});
 }
 

@@ -281,7 +281,12 @@ struct Front::Impl {
       const auto reading = read_request_head(connection.input(), options.head);
       if (!reading.head || is_patient(connection, *reading.head) != patient_worker) break;
       connection.begin(patient_worker);
-      client.keep = handlers.serve(connection, *reading.head) && !stopping;
+      try {
+        client.keep = handlers.serve(connection, *reading.head) && !stopping;
+      } catch (const std::exception& error) {
+        handlers.on_failure(error);
+        return give_back(client, true);
+      }
       if (!connection.flush()) return give_back(client, true);
       if (!client.keep || connection.pending() > 0) return give_back(client, false);
       if (connection.input().empty() && !connection.receive()) return give_back(client, true);

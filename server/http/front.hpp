@@ -3,6 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstddef>
+#include <exception>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -32,6 +33,9 @@ struct FrontHandlers {
   /// Reads and answers the request whose head the connection's input begins with. Called by a
   /// worker. False where the connection has to end after the answer.
   std::function<bool(Connection&, const RequestHead&)> serve;
+  /// Told what `serve` threw, for example because a file could not be read while it was sent. The
+  /// connection is closed, so that a cut off answer cannot be taken for a whole one.
+  std::function<void(const std::exception&)> on_failure;
 };
 
 /// The sockets of the server. One thread accepts, holds idle connections, reads heads and sends
