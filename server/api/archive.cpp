@@ -128,17 +128,9 @@ Response get(Services& services, ArchiveFiles& files, const Call& call) {
   response.headers.set("Content-Type", kArchiveType);
   response.headers.set("Content-Disposition", "attachment; filename=\"" + map + ".cellmap\"");
   const std::uint64_t size = file->size();
-  const auto range = call.header("Range");
-  const auto asked = range ? parse_range(*range, size) : RangeRequest{};
-  if (!asked.satisfiable) return range_not_satisfiable(size);
-  const ByteRange part = asked.range.value_or(ByteRange{0, size});
-  if (asked.range) {
-    response.status = 206;
-    response.headers.set("Content-Range", "bytes " + std::to_string(part.offset) + "-" +
-                                              std::to_string(part.offset + part.length - 1) + "/" +
-                                              std::to_string(size));
-  }
-  response.body = FileBody{file, part.offset, part.length};
+  const auto part = answer_range(call.header("Range"), size, response);
+  if (!part) return range_not_satisfiable(size);
+  response.body = FileBody{file, part->offset, part->length};
   return response;
 }
 

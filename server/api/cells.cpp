@@ -109,16 +109,9 @@ Response ranged(const Call& call, Response response, std::shared_ptr<const Bytes
   if (condition && *condition != tag) range.reset();
   response.headers.set("ETag", tag);
   response.headers.set("Accept-Ranges", "bytes");
-  const auto asked = range ? parse_range(*range, size) : RangeRequest{};
-  if (!asked.satisfiable) return range_not_satisfiable(size);
-  const ByteRange part = asked.range.value_or(ByteRange{0, size});
-  if (asked.range) {
-    response.status = 206;
-    response.headers.set("Content-Range", "bytes " + std::to_string(part.offset) + "-" +
-                                              std::to_string(part.offset + part.length - 1) + "/" +
-                                              std::to_string(size));
-  }
-  response.body = SharedBytes{std::move(bytes), part.offset, part.length};
+  const auto part = answer_range(range, size, response);
+  if (!part) return range_not_satisfiable(size);
+  response.body = SharedBytes{std::move(bytes), part->offset, part->length};
   return response;
 }
 

@@ -123,4 +123,17 @@ std::string media_type(std::string_view content_type) {
   return type;
 }
 
+std::optional<ByteRange> answer_range(const std::optional<std::string>& range, std::size_t size,
+                                      Response& response) {
+  const auto asked = range ? parse_range(*range, size) : RangeRequest{};
+  if (!asked.satisfiable) return std::nullopt;
+  if (!asked.range) return ByteRange{0, size};
+  const auto [offset, length] = *asked.range;
+  response.status = 206;
+  response.headers.set("Content-Range", "bytes " + std::to_string(offset) + "-" +
+                                            std::to_string(offset + length - 1) + "/" +
+                                            std::to_string(size));
+  return asked.range;
+}
+
 }  // namespace cellmap::server

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "server/api/message.hpp"
+
 namespace cellmap::server {
 
 /// RFC 9110 as far as the API needs it: validators, ranges and negotiation. Pure functions of
@@ -27,6 +29,11 @@ struct RangeRequest {
   std::optional<ByteRange> range;
 };
 RangeRequest parse_range(std::string_view header, std::size_t size);
+
+/// The part of `size` bytes that a Range header asks for, or all of them; says so in the response
+/// (206, Content-Range). Nullopt: there is no such part (`range_not_satisfiable`).
+std::optional<ByteRange> answer_range(const std::optional<std::string>& range, std::size_t size,
+                                      Response& response);
 
 /// The media type of `available` with the highest quality in an Accept value; the first of equals,
 /// and the first of all where there is no Accept. Nullopt: none is acceptable.

@@ -60,9 +60,10 @@ PointCloud stacked_points(const ComparedDrive& drive) {
   return stacked;
 }
 
-PointCloud voxel_means(const PointCloud& points, double voxel_m) {
+std::vector<std::size_t> voxels_of(const PointCloud& points, double voxel_m) {
   std::unordered_map<std::uint64_t, std::size_t> place_of;
-  std::vector<Mean> means;
+  std::vector<std::size_t> voxels;
+  voxels.reserve(points.size());
   const auto part = [&](float v) {
     return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v / voxel_m)) +
                                       (1 << 20)) &
@@ -70,11 +71,18 @@ PointCloud voxel_means(const PointCloud& points, double voxel_m) {
   };
   for (std::size_t i = 0; i < points.size(); ++i) {
     const std::uint64_t key = part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
-    const auto [found, is_new] = place_of.try_emplace(key, means.size());
-    if (is_new) means.emplace_back();
-    Mean& mean = means[found->second];
-    mean.sum += points[i].cast<double>();
-    ++mean.points;
+    voxels.push_back(place_of.try_emplace(key, place_of.size()).first->second);
+  }
+  return voxels;
+}
+
+PointCloud voxel_means(const PointCloud& points, double voxel_m) {
+  const std::vector<std::size_t> voxels = voxels_of(points, voxel_m);
+  std::vector<Mean> means;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (voxels[i] == means.size()) means.emplace_back();
+    means[voxels[i]].sum += points[i].cast<double>();
+    ++means[voxels[i]].points;
   }
   PointCloud result;
   result.reserve(means.size());

@@ -34,6 +34,10 @@ ComparedDrive read_compared_drive(ScanSource& source, const ScanFilterOptions& f
 /// All mapped points, map frame.
 PointCloud stacked_points(const ComparedDrive& drive);
 
+/// The voxel of each point; voxels are numbered in the order in which they were met. Coordinates up
+/// to 2^20 voxels from the origin.
+std::vector<std::size_t> voxels_of(const PointCloud& points, double voxel_m);
+
 /// One point a voxel, the mean of the points within; in the order in which voxels were met.
 /// Deterministic. Coordinates up to 2^20 voxels from the origin.
 PointCloud voxel_means(const PointCloud& points, double voxel_m);

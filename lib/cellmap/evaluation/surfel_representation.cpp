@@ -3,10 +3,10 @@
 #include <cstdio>
 #include <cstring>
 #include <numbers>
-#include <unordered_map>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/evaluation/compared_drive.hpp"
 #include "cellmap/evaluation/point_bytes.hpp"
 #include "cellmap/evaluation/representation.hpp"
 
@@ -34,18 +34,11 @@ struct Sums {
 };
 
 std::vector<Sums> voxel_sums(const PointCloud& points, double voxel_m) {
-  std::unordered_map<std::uint64_t, std::size_t> place_of;
+  const std::vector<std::size_t> voxels = voxels_of(points, voxel_m);
   std::vector<Sums> sums;
-  const auto part = [&](float v) {
-    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(v / voxel_m)) +
-                                      (1 << 20)) &
-           0x1fffffU;
-  };
   for (std::size_t i = 0; i < points.size(); ++i) {
-    const std::uint64_t key = part(points.x[i]) << 42 | part(points.y[i]) << 21 | part(points.z[i]);
-    const auto [found, is_new] = place_of.try_emplace(key, sums.size());
-    if (is_new) sums.emplace_back();
-    sums[found->second].add(points[i].cast<double>());
+    if (voxels[i] == sums.size()) sums.emplace_back();
+    sums[voxels[i]].add(points[i].cast<double>());
   }
   return sums;
 }
