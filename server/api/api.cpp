@@ -5,6 +5,7 @@
 #include <exception>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/staging.hpp"
 #include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
@@ -113,6 +114,10 @@ Response Api::answer(const Request& request, std::string& route_name) {
   route_name = route.pattern;
   if (!route.types.empty() && !negotiate(request.headers.get("Accept"), route.types)) {
     return not_acceptable(route.types.front());
+  }
+  const auto map = match.path.find("map");
+  if (map != match.path.end() && is_staged(map->second)) {  // which is nobody's business yet
+    return problem(ErrorCode::kNotFound, "There is no map " + in_quotes(map->second) + ".");
   }
   check_query(route, target.query);
   if (request.body.size() > route.max_body) {
