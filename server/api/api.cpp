@@ -6,9 +6,11 @@
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/staging.hpp"
+#include "server/api/backup.hpp"
 #include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
+#include "server/api/failure.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
@@ -66,6 +68,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_georeference_routes(router_, *services_);
   add_comparison_routes(router_, *services_);
   add_archive_routes(router_, *services_);
+  add_backup_route(router_, *services_);
   add_job_routes(router_, *services_);
 }
 
@@ -133,18 +136,11 @@ Response Api::handle(const Request& request) {
   std::string route = "none";
   try {
     response = answer(request, route);
-  } catch (const Error& error) {
-    if (status_of(error.code()) == 500) {
-      services_->log->error("[{}] {} {}: {}", request.id, request.method, route, error.what());
-      response = problem(error.code(), "The server failed; its log names the request " +
-                                           in_quotes(request.id) + ".");
-    } else {
-      response = problem(error);
-    }
   } catch (const std::exception& error) {
-    services_->log->error("[{}] {} {}: {}", request.id, request.method, route, error.what());
-    response = problem(ErrorCode::kInternal, "The server failed; its log names the request " +
-                                                 in_quotes(request.id) + ".");
+    response = problem_of(std::current_exception(), request.id);
+    if (response.status >= 500 && response.status != 503) {
+      services_->log->error("[{}] {} {}: {}", request.id, request.method, route, error.what());
+    }
   }
   if (response.status >= 400) {
     set_instance(response, std::string_view(request.target).substr(0, request.target.find('?')));

@@ -162,6 +162,16 @@ def check(world, writers, folder):
     return wrong
 
 
+def finish(world, writers):
+    """What was begun and not disturbed any more ends well."""
+    for writer in writers:
+        try:
+            writer.finish(world.api)
+        except Violation as violation:
+            world.violations.append(f"{type(writer).__name__}: {violation}")
+    return world.violations
+
+
 def run(options, folder):
     for name, scans in (("drive", 52), ("second", 24)):
         simulate(options.cellmap, folder, name, scans, len(name))
@@ -204,10 +214,9 @@ def disturb(options, folder, world, writers, rng):
         if options.verbose or kills % 50 == 0:
             print(f"{kills} kills, {sum(w.acknowledged for w in writers)} acknowledged", flush=True)
     if not wrong:
-        for writer in writers:
-            writer.finish(world.api)
+        wrong = finish(world, writers)
         world.server.stop()
-        wrong = world.violations + check_store(world.server.store, folder, with_pins=("loops",), at_rest=True)
+        wrong += check_store(world.server.store, folder, with_pins=("loops",), at_rest=True)
     return {
         "seed": options.seed, "kills": kills, "seconds": round(time.monotonic() - begun, 1), "wrong": wrong,
         "acknowledged": {type(w).__name__: w.acknowledged for w in writers if w.acknowledged},

@@ -3,6 +3,7 @@
 #include <chrono>
 
 #include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/backup_store.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/sqlite_cells.hpp"
@@ -65,7 +66,7 @@ struct SqliteWriter {
   std::unique_ptr<SqliteConnection> connection;
 };
 
-class SqliteStore final : public Store, public Documents, public Staging {
+class SqliteStore final : public Store, public Documents, public Staging, public Backups {
  public:
   SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
       : file_(file),
@@ -124,6 +125,13 @@ class SqliteStore final : public Store, public Documents, public Staging {
     });
   }
 
+  void remove_document(const std::string& map, const std::string& name) override {
+    write([&](SqliteConnection& c) {
+      Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
+          .run();
+    });
+  }
+
   std::vector<MapInfo> maps() const override {
     auto all = readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
     std::erase_if(all, [](const MapInfo& info) { return is_staged(info.name); });
@@ -151,6 +159,11 @@ class SqliteStore final : public Store, public Documents, public Staging {
       rename_staged_map(c, staged, name);
       if (along) apply_update(c, along->map, along->update, frames);
     });
+  }
+
+  void back_up(const std::filesystem::path& to, const std::stop_token& stop,
+               const BackupProgress& progress) const override {
+    backup_store(file_, to, stop, progress);
   }
 
   MapVersion version(const std::string& name) const override {
