@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <functional>
+#include <optional>
 
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/sqlite_connection.hpp"
@@ -84,6 +86,23 @@ const std::vector<Operation> kOperations = {
     {"Reopen", [](Store&) {}},
 };
 
+/// Hundreds of stores are made and thrown away: in memory where there is such a folder, since some
+/// disks take a while to forget a file.
+class FolderInMemory {
+ public:
+  FolderInMemory() {
+    if (fs::is_directory("/dev/shm")) setenv("TMPDIR", "/dev/shm", 1);
+    folder_.emplace();
+    before_ ? setenv("TMPDIR", before_->c_str(), 1) : unsetenv("TMPDIR");
+  }
+  fs::path operator/(const std::string& name) const { return *folder_ / name; }
+
+ private:
+  std::optional<std::string> before_ =
+      std::getenv("TMPDIR") ? std::optional<std::string>(std::getenv("TMPDIR")) : std::nullopt;
+  std::optional<TempFolder> folder_;
+};
+
 class FaultyStore : public ::testing::TestWithParam<std::tuple<Operation, Fault>> {
  protected:
   static const Operation& operation() { return std::get<0>(GetParam()); }
@@ -128,7 +147,7 @@ class FaultyStore : public ::testing::TestWithParam<std::tuple<Operation, Fault>
               "ok");
   }
 
-  TempFolder folder_;
+  FolderInMemory folder_;
   FaultyDisk disk_;
   fs::path prepared_ = folder_ / "prepared.db", file_ = folder_ / "store.db";
   std::string before_, after_;
