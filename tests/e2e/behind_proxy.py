@@ -102,7 +102,7 @@ class Checks:
             for _ in range(size >> 20):
                 yield b"\0" * (1 << 20)
         response, body = self.ask("PUT", "/v1/maps/big/archive", pieces(),
-                                  Content_Type="application/vnd.cellmap.archive", Transfer_Encoding="chunked")
+                                  Content_Type="application/vnd.cellmap.archive")
         self.check(response.status == 422, "so do they in chunks", (response.status, body))
 
     def events(self):
