@@ -125,7 +125,7 @@ TEST_F(ApiJobs, AnUploadGoesOnAfterARestartAndTheMapIsTheSame) {
   EXPECT_EQ(resumed["next_scan"], 7);  // the base scan of the last stored CELL
   // Who had sent all scans before is told which are lost, instead of ending a drive that lacks
   // some.
-  for (const std::string path : {"/v1/jobs/" + id.dump() + "/complete",
+  for (const std::string& path : {"/v1/jobs/" + id.dump() + "/complete",
                                  std::string("/v1/maps/uploaded/sessions/drive/scans:complete")}) {
     const auto early = send("POST", path + "?scans=" + std::to_string(kScans));
     expect_problem(early, 409, "conflict");
