@@ -87,11 +87,6 @@ struct RelocalisationCandidate {
   StructureScores structure;        ///< of the few places that were refined
   ResidualHistogram residuals;      ///< of them too
   SurroundingsScores surroundings;  ///< of the best of them
-  /// By how much its structure agrees better than that of the best other place that was refined,
-  /// more than 5 m away; 1 where there was none.
-  double dominance = 0;
-  /// Other CELLs that were tried and say the same pose in the map, within 0.5 m and 2 deg.
-  std::uint32_t witnesses = 0;
   double confidence = 0;  ///< in [0, 1], that the pose is right (`confidence_of`)
   bool accepted = false;
 };
@@ -121,11 +116,11 @@ class PlaceIndex {
   /// Likeness of what both show from above, from 25 points around the scan, orders the places;
   /// registration on few points orders them anew, and the best are registered with many and
   /// accepted only where the scores agree and the CELLs around confirm them. The most alike places
-  /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it are tried, from a
-  /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
-  /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
-  /// gives the current poses of the CELLs in the index, `targets` loads the few that are registered
-  /// to and the six nearest to each answer.
+  /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it
+  /// are tried, from a grid of poses over all that it allows too, and no answer lies outside it. A
+  /// scan that looks along the horizontal within a few degrees is expected. `scan` in its sensor
+  /// frame, `graph` gives the current poses of the CELLs in the index, `targets` loads the few that
+  /// are registered to and the six nearest to each answer.
   RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
                                   const TargetProvider& targets,
                                   const std::optional<PosePrior>& prior,
