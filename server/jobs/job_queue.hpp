@@ -58,8 +58,8 @@ class JobQueue {
   /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was
   /// asked the same way, else Error{kConflict}. Error{kUnavailable} where there are too many.
   JobView submit(const std::string& map, const Json& request);
-  /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument} for
-  /// the map itself.
+  /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument}
+  /// for the map itself.
   JobView submit_merge(const std::string& map, const Json& request);
   JobView job(JobId id) const;
   std::vector<JobView> jobs(const std::string& map) const;
@@ -78,6 +78,10 @@ class JobQueue {
   JobView wait(JobId id, std::uint64_t seen, std::chrono::milliseconds timeout) const;
 
   bool has_unfinished(const std::string& map) const;
+  struct Counts {
+    std::size_t queued = 0, running = 0;
+  };
+  Counts unfinished() const;
 
   /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers
   /// ended.
