@@ -22,7 +22,7 @@ while [[ $# -gt 0 ]]; do
   shift
 done
 cd "$(dirname "$0")/../.."
-command -v clang++-14 >/dev/null || { echo "run.sh: needs clang++-14 (Debian: clang-14)" >&2; exit 2; }
+./install-dependencies.sh --without-pcl --with-fuzzers
 cmake --preset fuzz >/dev/null
 IFS=';' read -ra all <<<"$(cat build/fuzz/tests/fuzz/targets.txt)"
 [[ ${#targets[@]} -gt 0 ]] || targets=("${all[@]}")
