@@ -8,10 +8,10 @@
 #include "cellmap/archive/store_archive.hpp"
 #include "cellmap/archive/update_archive.hpp"
 #include "cellmap/store/sqlite_store.hpp"
-#include "client/cli/archive_options.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_reader.hpp"
 #include "client/cli/map_text.hpp"
@@ -23,7 +23,8 @@ namespace {
 
 struct Options {
   Place place;
-  std::string map, file, encoding = "packed", bound = "20mm";
+  std::string map, file;
+  FormFlags form;
   bool update = false;
 };
 
@@ -64,8 +65,17 @@ void write_whole(const std::string& file, const Write& write) {
   }
 }
 
+ArchiveOptions archive_options(const Options& options) {
+  const auto form = options.form.form();
+  if (!form) return default_archive_options(open_reader(options.place)->map(options.map));
+  ArchiveOptions wanted;
+  wanted.encoding = form->encoding;
+  if (!form->is_exact()) wanted.bound_m = form->bound_m();
+  return wanted;
+}
+
 void write_archive(const Options& options, const Console& console) {
-  const ArchiveOptions wanted = archive_options(options.encoding, options.bound);
+  const ArchiveOptions wanted = archive_options(options);
   if (options.place.store.empty()) {
     const Interrupt interrupt;
     ProgressBar bar(console, "archive");
@@ -137,12 +147,14 @@ void add_archive(CLI::App& app, Verbs& verbs) {
       "  cellmap archive town --store map.db --out town.cellmap\n"
       "  cellmap archive town --server URL --encoding compact --bound 20mm --out town.cellmap\n"
       "  cellmap archive town --store map.db --out town.cellmap --update\n"
-      "packed keeps every bit; compact moves no point of a plane by more than the bound.\n"
+      "packed keeps every bit; compact moves no point of a plane by more than the bound, and is "
+      "copied\nwhere the map keeps its CELLs so.\n"
       "Read it with --archive, from a file or from any web server: 'cellmap relocalise'.\n",
       [archived](const Console& console) { archive(*archived, console); });
   verb->add_option("MAP", archived->map, "Name of the map")->required();
   verb->add_option("--out", archived->file, "File to write")->required();
-  add_archive_options(*verb, archived->encoding, archived->bound);
+  add_form_flags(*verb, archived->form,
+                 "How CELLs are archived; without it packed, or compact as the map keeps them");
   verb->add_flag("--update", archived->update,
                  "Only bring poses and constraints of the file up to date");
   add_place_options(*verb, archived->place, true);

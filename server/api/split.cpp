@@ -39,7 +39,7 @@ Response split(Services& services, const Call& call) {
   if (services.jobs.has_unfinished(state->name())) {
     throw Error(ErrorCode::kConflict, "The map has unfinished jobs; cancel them first.");
   }
-  store.create_map(request.into, state->lattice()->spec());
+  store.create_map(request.into, state->lattice()->spec(), store.map(state->name()).form);
   try {
     copy_sessions(store, state->name(), request.sessions, request.into);
   } catch (...) {

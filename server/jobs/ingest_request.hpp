@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "cellmap/codec/cell_form.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/pipeline/mapper.hpp"
 #include "cellmap/scan/scan_source.hpp"
@@ -23,6 +24,7 @@ struct IngestRequest {
   MapperOptions options;
   bool create_map = false;
   LatticeSpec lattice;  ///< of a map that is created
+  std::optional<CellForm> form;  ///< of this drive's CELLs, and of a map that is created
 };
 
 /// Throws Error{kInvalidArgument} or {kUnsupported}.

@@ -77,12 +77,14 @@ class SqliteStore final : public Store, public Documents {
     if (options.read_only) readers_.read(require_current_schema);
   }
 
-  MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice,
+                     const CellForm& form) override {
     validate_map_name(name);
     lattice.validate();
+    form.validate();
     MapInfo created;
     write([&](SqliteConnection& c) {
-      insert_map(c, name, lattice, now());
+      insert_map(c, name, lattice, form, now());
       created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
     });
     return created;
@@ -96,6 +98,11 @@ class SqliteStore final : public Store, public Documents {
                         const std::optional<Georeference>& georeference) override {
     if (georeference) georeference->validate();
     write([&](SqliteConnection& c) { write_georeference(c, map, georeference); });
+  }
+
+  void set_form(const std::string& map, const CellForm& form) override {
+    form.validate();
+    write([&](SqliteConnection& c) { write_form(c, map, form); });
   }
 
   void put_document(const std::string& map, const std::string& name,
@@ -136,9 +143,13 @@ class SqliteStore final : public Store, public Documents {
 
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
     validate(update);
-    std::vector<Bytes> frames;  // compressed here, so that writers do it at the same time
-    frames.reserve(update.cells.size());
-    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+    UpdateFrames frames;  // compressed here, so that writers do it at the same time
+    for (const NewCell& cell : update.cells) {
+      frames.cells.push_back(frame_of(cell.encoded, cell.coded));
+    }
+    for (const auto& [id, cell] : update.recoded) {
+      frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
+    }
     CommitResult result;
     write([&](SqliteConnection& c) { result = apply_update(c, map, update, frames); });
     return result;
@@ -179,14 +190,22 @@ class SqliteStore final : public Store, public Documents {
     });
   }
 
-  std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const override {
+  StoredCell stored_cell(const std::string& map, CellId id) const override {
     return readers_.read([&](SqliteConnection& c) {
-      const ContentHash hash = required_cell(c, map, id).hash;
-      if (auto cached = cache_.find(hash)) return cached;
-      auto blob = read_blob(c, hash);
-      cache_.insert(hash, blob);
-      return blob;
+      const auto kept = find_kept(c, read_map_row(c, map).key, id);
+      if (!kept) throw no_cell(map, id);
+      StoredCell cell{kept->hash, kept->form, cache_.find(kept->content)};
+      if (cell.frame) return cell;
+      cell.frame = read_blob(c, kept->content);
+      cache_.insert(kept->content, cell.frame);
+      return cell;
     });
+  }
+
+  std::vector<CellKeeping> keeping(const std::string& map,
+                                   const std::optional<std::string>& session) const override {
+    return readers_.read(
+        [&](SqliteConnection& c) { return read_keeping(c, read_map_row(c, map).key, session); });
   }
 
   std::optional<CellRecord> last_cell(const std::string& map,
@@ -243,10 +262,16 @@ class SqliteStore final : public Store, public Documents {
  private:
   static CellRecord required_cell(SqliteConnection& connection, const std::string& map, CellId id) {
     std::optional<CellRecord> cell = find_cell(connection, read_map_row(connection, map).key, id);
-    if (!cell) {
-      throw Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
-    }
+    if (!cell) throw no_cell(map, id);
     return *std::move(cell);
+  }
+
+  static Error no_cell(const std::string& map, CellId id) {
+    return Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+  }
+
+  static Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
+    return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
   }
 
   /// Returns when what `change(connection)` did is durable; then wakes who waits for changes.
