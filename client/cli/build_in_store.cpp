@@ -73,8 +73,8 @@ MapInfo build_in_store(Store& store, const std::string& map,
     return kept->cell;
   });
   const auto commit = [&](CellUpdate&& update) {
-    mapper.number(
-        store.commit(map, to_map_update(std::move(update), std::exchange(kept, {}))).constraint_ids);
+    mapper.number(store.commit(map, to_map_update(std::move(update), std::exchange(kept, {})))
+                      .constraint_ids);
   };
   build_map(source, mapper, commit, stop, [&](Progress state) {
     state.cells_done += *done;

@@ -131,8 +131,8 @@ void build_recorded(Store& store, const std::filesystem::path& data, const Recor
   mapper.cell_distance_m = drive.cell_distance_m;
   mapper.build.min_points = drive.min_points;
   mapper.bidirectional = mapper.loop_closures = false;
-  build_in_store(store, drive.name, LatticeSpec{LatticeKind::kFibonacci, drive.lattice_size}, std::nullopt,
-                 drive.name, *open(data, drive), mapper, stop, progress);
+  build_in_store(store, drive.name, LatticeSpec{LatticeKind::kFibonacci, drive.lattice_size},
+                 std::nullopt, drive.name, *open(data, drive), mapper, stop, progress);
 }
 
 void recorded_queries(const std::filesystem::path& data, const RecordedDrive& drive,

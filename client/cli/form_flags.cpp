@@ -33,8 +33,9 @@ std::optional<CellForm> FormFlags::form() const {
 
 void add_form_flags(CLI::App& verb, FormFlags& flags, const std::string& what) {
   verb.add_option("--encoding", flags.encoding,
-                  what + ". raw and packed: every bit; compact: planes within --bound, a tenth to "
-                         "a fifteenth of the bytes")
+                  what +
+                      ". raw and packed: every bit; compact: planes within --bound, a tenth to "
+                      "a fifteenth of the bytes")
       ->check(CLI::IsMember({"raw", "packed", "compact"}));
   verb.add_option("--bound", flags.bound,
                   "With compact: no point of a plane moves by more, along its normal (1mm to 1m) "

@@ -65,8 +65,7 @@ std::string map_text(const MapInfo& map) {
                  human_bytes(double(map.encoded_bytes)).c_str(),
                  human_bytes(double(map.encoded_bytes) / cells).c_str());
   text += format("  %-14s %s\n", "kept as", kept_text(map).c_str());
-  text += format("  %-14s %s, %s a CELL\n", "stored",
-                 human_bytes(double(map.stored_bytes)).c_str(),
+  text += format("  %-14s %s, %s a CELL\n", "stored", human_bytes(double(map.stored_bytes)).c_str(),
                  human_bytes(double(map.stored_bytes) / cells).c_str());
   const double stored = static_cast<double>(map.stored_bytes);
   text += against("raw scans", map.raw_points, double(map.raw_points) * kRawPointBytes, stored);

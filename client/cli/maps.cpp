@@ -203,12 +203,13 @@ void list_cells(const Options& options, const Console& console) {
 
 void add_list(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
-  CLI::App* list = verbs.add(app, "maps", "List the maps; make, place or delete one",
-                             "  cellmap maps --server http://127.0.0.1:8080\n"
-                             "  cellmap maps create town --lattice-size 20000 --server URL\n"
-                             "  cellmap maps create town --encoding compact --bound 20mm --server URL\n"
-                             "  cellmap maps delete town --server URL\n",
-                             [options](const Console& console) { list_maps(*options, console); });
+  CLI::App* list =
+      verbs.add(app, "maps", "List the maps; make, place or delete one",
+                "  cellmap maps --server http://127.0.0.1:8080\n"
+                "  cellmap maps create town --lattice-size 20000 --server URL\n"
+                "  cellmap maps create town --encoding compact --bound 20mm --server URL\n"
+                "  cellmap maps delete town --server URL\n",
+                [options](const Console& console) { list_maps(*options, console); });
   add_place_options(*list, options->place, true, true);
 
   const auto created = std::make_shared<Options>();
@@ -227,13 +228,13 @@ void add_list(CLI::App& app, Verbs& verbs) {
   add_place_options(*create, created->place, true);
 
   const auto converted = std::make_shared<Options>();
-  CLI::App* convert =
-      verbs.add(*list, "convert", "Keep a map's CELLs in other bytes, also those to come",
-                "  cellmap maps convert town --encoding compact --bound 20mm --server URL\n"
-                "  cellmap maps convert town --encoding packed --store map.db\n"
-                "Broken off, the same command again goes on. Compact CELLs are other CELLs, each "
-                "under its number:\nfollowers fetch them anew. There is no way back from compact.\n",
-                [converted](const Console& c) { convert_map(*converted, c); });
+  CLI::App* convert = verbs.add(
+      *list, "convert", "Keep a map's CELLs in other bytes, also those to come",
+      "  cellmap maps convert town --encoding compact --bound 20mm --server URL\n"
+      "  cellmap maps convert town --encoding packed --store map.db\n"
+      "Broken off, the same command again goes on. Compact CELLs are other CELLs, each "
+      "under its number:\nfollowers fetch them anew. There is no way back from compact.\n",
+      [converted](const Console& c) { convert_map(*converted, c); });
   convert->add_option("MAP", converted->map, "Its name")->required();
   add_form_flags(*convert, converted->form, "How CELLs are kept");
   add_place_options(*convert, converted->place, true);

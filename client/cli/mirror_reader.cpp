@@ -12,9 +12,8 @@ class MirrorReader : public MapReader {
  public:
   explicit MirrorReader(const std::filesystem::path& folder)
       : folder_(folder), mirror_(read_mirror(folder)) {
-    std::erase_if(mirror_.cells, [&](const auto& cell) {
-      return !find_mirrored_cell(folder_, cell.second.hash);
-    });
+    std::erase_if(mirror_.cells,
+                  [&](const auto& cell) { return !find_mirrored_cell(folder_, cell.second.hash); });
   }
 
   std::vector<MapInfo> maps() override { return {map(mirror_.map)}; }

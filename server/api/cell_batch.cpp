@@ -119,7 +119,8 @@ Response batch_cells(Services& services, CodedCells& coded_cells, const Call& ca
     append_to_batch(batch, id, bytes);
   }
   Response response;
-  response.headers.set("Content-Type", form ? *type + to_parameters(sent_form.value_or(*form)) : *type);
+  response.headers.set("Content-Type",
+                       form ? *type + to_parameters(sent_form.value_or(*form)) : *type);
   response.headers.set("CELLmap-Revision", std::to_string(revision));
   if (sent < asked.ids.size()) {
     response.headers.set("CELLmap-Remaining", std::to_string(asked.ids.size() - sent));

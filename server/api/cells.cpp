@@ -153,9 +153,8 @@ Response binary_cell(Services& services, const Call& call, const CellRecord& rec
 /// A coded form, or its coarse layer, which is its first bytes.
 Response coded_cell(CodedCells& coded_cells, const Call& call, const CellRecord& record,
                     Response response) {
-  const auto [bytes, form] =
-      coded_cells.get(call.path("map"), record.id,
-                      coded_form(call.header("Accept").value_or(""), kCodedCellType));
+  const auto [bytes, form] = coded_cells.get(
+      call.path("map"), record.id, coded_form(call.header("Accept").value_or(""), kCodedCellType));
   const std::size_t coarse = coarse_cell_bytes(*bytes);
   const std::string tag =
       '"' + to_hex(coded_content_hash(*bytes)) + (form.is_coarse ? "-coarse\"" : "\"");
@@ -261,7 +260,8 @@ Response put(Services& services, const Call& call) {
   const std::string type = call.content_type({kCellType, kCodedCellType});
   const std::string body = call.content(kMaxCellBytes);
   KeptCell kept = kept_cell(type, body, services.store.map(map).form);
-  const ContentHash sent = kept.coded ? kept.coded->source : kept.encoded.hash;
+  const bool is_raw = type == kCellType && kept.coded;
+  const ContentHash sent = is_raw ? kept.coded->source : kept.encoded.hash;
   Pose T_map_cell = kept.cell->T_odom_cell;
   if (const auto header = call.header("CELLmap-Pose")) {
     const auto numbers = parse_numbers(*header, ' ', 7, "CELLmap-Pose");

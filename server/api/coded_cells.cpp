@@ -76,8 +76,8 @@ std::string to_parameters(const CodedForm& form) {
 CodedCells::Coded CodedCells::get(const std::string& map, CellId id, const CodedForm& form) {
   const StoredCell stored = store_.stored_cell(map, id);
   const bool is_compact = stored.form.encoding == KeptEncoding::kCompact;
-  if (is_compact || (stored.form.encoding == KeptEncoding::kPacked &&
-                     form.encoding == CellEncoding::kPacked)) {
+  if (is_compact ||
+      (stored.form.encoding == KeptEncoding::kPacked && form.encoding == CellEncoding::kPacked)) {
     return {std::make_shared<const Bytes>(zstd_decompress(*stored.frame, kMaxCodedCellBytes)),
             {is_compact ? CellEncoding::kCompact : CellEncoding::kPacked, stored.form.bound_m(),
              form.is_coarse}};

@@ -7,7 +7,8 @@
 #include "server/api/job_document.hpp"
 #include "server/api/problem.hpp"
 
-// /v1/maps/{map}/jobs, /v1/maps/{map}/merge, /v1/maps/{map}/convert and /v1/jobs/{job} with events, scans and complete.
+// /v1/maps/{map}/jobs, /v1/maps/{map}/merge, /v1/maps/{map}/convert and /v1/jobs/{job} with events,
+// scans and complete.
 
 namespace cellmap::server {
 namespace {

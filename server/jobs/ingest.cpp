@@ -97,8 +97,7 @@ CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, Fini
                     KeptCell kept) {
   PoseGraph graph = *state.graph();
   const std::size_t known = graph.constraints.size();
-  MapUpdate update =
-      to_map_update(back_end.integrate(std::move(cell), graph), std::move(kept));
+  MapUpdate update = to_map_update(back_end.integrate(std::move(cell), graph), std::move(kept));
   const CommitResult result = store.commit(state.name(), update);
   for (std::size_t i = 0; i < result.constraint_ids.size(); ++i) {
     graph.constraints[known + i].id = result.constraint_ids[i];

@@ -23,7 +23,7 @@ struct IngestRequest {
   std::uint64_t scans_total = 0;  ///< of an upload; 0: not known
   MapperOptions options;
   bool create_map = false;
-  LatticeSpec lattice;  ///< of a map that is created
+  LatticeSpec lattice;           ///< of a map that is created
   std::optional<CellForm> form;  ///< of this drive's CELLs, and of a map that is created
 };
 

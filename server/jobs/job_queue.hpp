@@ -58,8 +58,8 @@ class JobQueue {
   /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was
   /// asked the same way, else Error{kConflict}. Error{kUnavailable} where there are too many.
   JobView submit(const std::string& map, const Json& request);
-  /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument} for
-  /// the map itself.
+  /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument}
+  /// for the map itself.
   JobView submit_merge(const std::string& map, const Json& request);
   /// Queues a conversion (`convert_cells`). Error{kConflict} where CELLs are kept within a wider
   /// bound.

@@ -23,7 +23,7 @@ CodedCellForm coded_form_of(const CellForm& form);
 /// A CELL that came in few bytes, verified: its content hash, of a coarse one its coarse hash.
 struct FetchedCodedCell {
   CellId id;
-  Bytes bytes;          ///< as they came: a coded CELL, or its beginning where `decoded.is_coarse`
+  Bytes bytes;  ///< as they came: a coded CELL, or its beginning where `decoded.is_coarse`
   /// The map's own CELL is the one of `raw_hash`, or, where the map keeps it compact, this one.
   DecodedCell decoded;
   std::uint64_t file_bytes = 0;  ///< of the whole coded CELL

@@ -155,10 +155,13 @@ Changes Puller::next_changes(Mirror& mirror, PullReport& report, std::optional<C
   return client_.changes(map_, 0);
 }
 
-CellForm Puller::form_of(const PullOptions& options) {
+/// The map is asked only where there are CELLs to fetch: updates of poses stay small.
+CellForm Puller::form_of(const PullOptions& options, const Mirror& next, const Changes& changes) {
   if (options.form) return *options.form;
-  const CellForm kept = client_.map(map_).form;
-  return kept.is_exact() ? CellForm{} : kept;
+  const bool is_first = !mirror_ || mirror_->map_created != next.map_created;
+  if (!is_first && changes.added.empty()) return next.form;
+  const CellForm kept = is_first ? next.info.form : client_.map(map_).form;
+  return kept.is_exact() ? next.form : kept;
 }
 
 void Puller::fetch(const std::vector<CellRecord>& missing, const CellForm& form,
@@ -187,7 +190,7 @@ PullReport Puller::pull(const PullOptions& options, std::optional<Changes> given
   report.from = next.revision;
   apply_changes(changes, next);
 
-  const CellForm form = form_of(options);
+  const CellForm form = form_of(options, next, changes);
   const Selection selection = select(next, report.from, form, folder_, options);
   fetch(selection.missing, form, options, report);
   const bool is_other_form = next.form != form;

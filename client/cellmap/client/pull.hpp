@@ -22,8 +22,9 @@ struct PullOptions {
   /// Bytes of CELL files; 0: no limit. Needs `near`: the nearest are kept, the furthest go first.
   std::uint64_t budget_bytes = 0;
   /// In which form CELLs travel and are kept; for less exact ones the server codes them. Unset: as
-  /// the map keeps them where that is compact, else raw. What the folder has in a form at least as
-  /// exact stays. A map that is kept compact is no more exact than that: see `CodedCellReader`.
+  /// the map keeps them where that is compact, else as last time, at first raw. What the folder has
+  /// in a form at least as exact stays. A map that is kept compact is no more exact than that: see
+  /// `CodedCellReader`.
   std::optional<CellForm> form = {};
   /// Called after each CELL that was fetched.
   std::function<void(std::size_t done, std::size_t total)> on_cell;

@@ -25,7 +25,7 @@ class Puller {
 
  private:
   Changes next_changes(Mirror& mirror, PullReport& report, std::optional<Changes> given);
-  CellForm form_of(const PullOptions& options);
+  CellForm form_of(const PullOptions& options, const Mirror& next, const Changes& changes);
   void fetch(const std::vector<CellRecord>& missing, const CellForm& form,
              const PullOptions& options, PullReport& report);
 

@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kCellsPerLeaf = 4096;
 constexpr double kHalfMicro = 5e-7;  // of a metre: bounds are whole micrometres
-constexpr int kLevel = 19;  // an archive is written once
+constexpr int kLevel = 19;           // an archive is written once
 
 [[noreturn]] void invalid(const std::string& what) {
   throw Error(ErrorCode::kInvalidArgument, "this cannot be archived: " + what);

@@ -18,9 +18,12 @@ constexpr double kMicro = 1e-6;
 
 std::string_view to_string(KeptEncoding encoding) {
   switch (encoding) {
-    case KeptEncoding::kRaw: return "raw";
-    case KeptEncoding::kPacked: return "packed";
-    case KeptEncoding::kCompact: return "compact";
+    case KeptEncoding::kRaw:
+      return "raw";
+    case KeptEncoding::kPacked:
+      return "packed";
+    case KeptEncoding::kCompact:
+      return "compact";
   }
   return "unknown";
 }

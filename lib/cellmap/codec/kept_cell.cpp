@@ -42,8 +42,8 @@ KeptCell keep_cell(std::shared_ptr<const Cell> cell, const CellForm& form,
     return {std::move(cell), std::move(encoded)};
   }
   KeptCell kept{cell, encode_cell(*cell)};
-  kept.coded = CodedCopy{form, encode_packed_cell(*cell),
-                         as_it_came ? as_it_came->hash : kept.encoded.hash};
+  kept.coded =
+      CodedCopy{form, encode_packed_cell(*cell), as_it_came ? as_it_came->hash : kept.encoded.hash};
   return kept;
 }
 
@@ -55,9 +55,9 @@ KeptCell keep_coded_cell(Bytes bytes, const CellForm& form) {
 
 bool is_coded_cell(std::span<const std::byte> bytes) {
   if (bytes.size() < kIdentifierOffset + kCodedIdentifier.size()) return false;
-  return std::ranges::equal(
-      bytes.subspan(kIdentifierOffset, kCodedIdentifier.size()), kCodedIdentifier,
-      [](std::byte a, char b) { return std::to_integer<char>(a) == b; });
+  return std::ranges::equal(bytes.subspan(kIdentifierOffset, kCodedIdentifier.size()),
+                            kCodedIdentifier,
+                            [](std::byte a, char b) { return std::to_integer<char>(a) == b; });
 }
 
 KeptCell open_kept_cell(Bytes bytes, const ContentHash& hash) {

@@ -22,8 +22,8 @@ struct CodedCopy {
 /// and its raw hash names it. A compact CELL's source is named by the coded bytes and is gone.
 struct KeptCell {
   std::shared_ptr<const Cell> cell;
-  EncodedCell encoded;                     ///< `encode_cell(*cell)`, or the raw bytes as they came
-  std::optional<CodedCopy> coded = {};     ///< where the form is not raw
+  EncodedCell encoded;                  ///< `encode_cell(*cell)`, or the raw bytes as they came
+  std::optional<CodedCopy> coded = {};  ///< where the form is not raw
 };
 
 /// Brings a CELL into a form. `as_it_came`: its raw bytes where they came from elsewhere, which
@@ -40,8 +40,9 @@ KeptCell keep_coded_cell(Bytes bytes, const CellForm& form);
 /// True where the bytes begin as a coded CELL does; says nothing of the rest.
 bool is_coded_cell(std::span<const std::byte> bytes);
 
-/// The CELL that kept bytes hold, raw or coded, which must have the raw hash `hash`. Trusts no byte.
-/// Throws Error{kCorruptData} naming what is wrong, and as `decode_cell` and `decode_coded_cell`.
+/// The CELL that kept bytes hold, raw or coded, which must have the raw hash `hash`. Trusts no
+/// byte. Throws Error{kCorruptData} naming what is wrong, and as `decode_cell` and
+/// `decode_coded_cell`.
 KeptCell open_kept_cell(Bytes bytes, const ContentHash& hash);
 
 }  // namespace cellmap

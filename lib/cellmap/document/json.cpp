@@ -33,9 +33,8 @@ Json to_json(const MapInfo& map) {
   }
   Json kept = Json::array();
   for (const auto& [form, cells] : map.kept) {
-    kept.push_back({{"encoding", to_string(form.encoding)},
-                    {"bound_m", form.bound_m()},
-                    {"cells", cells}});
+    kept.push_back(
+        {{"encoding", to_string(form.encoding)}, {"bound_m", form.bound_m()}, {"cells", cells}});
   }
   return {{"name", map.name},
           {"encoding", to_string(map.form.encoding)},

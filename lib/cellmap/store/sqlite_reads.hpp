@@ -22,9 +22,9 @@ struct MapRow {
 /// Error{kNotFound} where there is no such map.
 MapRow read_map_row(SqliteConnection& connection, const std::string& name);
 
-/// Bounds, sessions and forms of maps, which take a pass over a map's CELLs to find, but change only with
-/// its revision; so the last answer is kept. Thread safe; not for use inside a write, whose
-/// revision may never come to be.
+/// Bounds, sessions and forms of maps, which take a pass over a map's CELLs to find, but change
+/// only with its revision; so the last answer is kept. Thread safe; not for use inside a write,
+/// whose revision may never come to be.
 class MapSummaries {
  public:
   /// The row's map with those.

@@ -186,8 +186,7 @@ ALTER TABLE cell ADD COLUMN replaced INTEGER NOT NULL DEFAULT 0;  -- revision th
 )sql";
 
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4,
-                                   kVersion5};
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4, kVersion5};
 
 void apply_migration(SqliteConnection& connection, std::size_t version) {
   connection.execute("BEGIN IMMEDIATE");

@@ -430,8 +430,7 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
 
 void write_form(SqliteConnection& connection, const std::string& map, const CellForm& form) {
   Query(connection, "UPDATE map SET encoding = ?, bound_um = ? WHERE id = ?",
-        static_cast<std::uint32_t>(form.encoding), form.bound_um,
-        read_map_row(connection, map).key)
+        static_cast<std::uint32_t>(form.encoding), form.bound_um, read_map_row(connection, map).key)
       .run();
 }
 

@@ -51,7 +51,7 @@ struct MapInfo {
   Eigen::AlignedBox3d bounds;
   std::vector<std::string> sessions;
   std::optional<Georeference> georeference;
-  CellForm form;                          ///< in which CELLs that come from now on are to be kept
+  CellForm form;                           ///< in which CELLs that come from now on are to be kept
   std::map<CellForm, std::uint64_t> kept;  ///< how many CELLs are kept in which form
 };
 
@@ -230,9 +230,8 @@ class Store {
   /// store/read_cell.hpp for the CELL itself).
   std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const;
   /// How the CELLs of a map, or of one session of it, are kept; by id.
-  virtual std::vector<CellKeeping> keeping(const std::string& map,
-                                           const std::optional<std::string>& session = {})
-      const = 0;
+  virtual std::vector<CellKeeping> keeping(
+      const std::string& map, const std::optional<std::string>& session = {}) const = 0;
   /// Makes a session without CELLs; one that is there already, described alike, is left alone, and
   /// one without a description (its CELLs made it) takes this one. Error{kAlreadyExists} where it
   /// is described otherwise.
