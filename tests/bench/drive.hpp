@@ -16,6 +16,7 @@ namespace cellmap::bench {
 /// What the table calls the data; simulated data says so.
 constexpr const char* kSimulated = "simulated town";
 constexpr const char* kKitti = "kitti00-consecutive";
+constexpr const char* kKittiDense = "kitti00-dense";
 
 /// A drive held in memory.
 class MemorySource : public ScanSource {
@@ -41,6 +42,10 @@ std::vector<PosedScan> simulated_scans(std::size_t first, std::size_t count);
 
 /// The 16 scans of `kKitti`; empty where the data is not there.
 std::vector<PosedScan> kitti_scans();
+
+/// A CELL of `kKittiDense` whose patches were tested strictly (0.2 m between ranges, 12 points), so
+/// that about 5,800 planes are left; none where the data is not there.
+std::optional<Cell> strict_kitti_cell(const Lattice& lattice);
 
 /// KITTI 00's ground truth, which need not be there.
 std::filesystem::path kitti00_route();

@@ -2,6 +2,8 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <stdexcept>
 #include <thread>
@@ -9,6 +11,7 @@
 #include "bench/naive_codec.hpp"
 #include "bench/rows.hpp"
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/coded_cell.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/simulation/random.hpp"
 #include "cellmap/store/sqlite_store.hpp"
@@ -167,9 +170,50 @@ void check_codecs(const Cell& cell, const Bytes& frame, const std::string& naive
   require_agreement(equal(ours) && equal(naive), "the same CELL after decoding");
 }
 
+/// Median processor time of one call: what can be told on a machine that is busy.
+template <typename Body>
+double processor_us(const Body& body) {
+  std::array<double, 101> taken;
+  for (double& us : taken) {
+    const double before = processor_s();
+    body();
+    us = 1e6 * (processor_s() - before);
+  }
+  std::nth_element(taken.begin(), taken.begin() + taken.size() / 2, taken.end());
+  return taken[taken.size() / 2];
+}
+
+/// A CELL of real keyframes with about the 5,800 planes that a strict test of patches leaves, in
+/// every form that it is sent in, beside the naive decoder of all its bytes.
+void coded_cell_rows(const Setting& setting, const AddRow& add) {
+  const auto cell = strict_kitti_cell(*setting.lattice);
+  if (!cell) return;
+  const Bytes raw = encode_cell(*cell).bytes, packed = encode_packed_cell(*cell).bytes,
+              compact = encode_compact_cell(*cell, kDefaultCompactBoundM).bytes;
+  const std::string naive = naive_encode(*cell);
+  require_agreement(decode_coded_cell(packed).cell.planes == cell->planes,
+                    "the same CELL after decoding");
+  const auto add_row = [&](const std::string& form, const Bytes& bytes, const auto& ours) {
+    Row row =
+        duration_row("cell_decode", 1, "us", 1e-6,
+                     compare(Contestant{[&] { benchmark::DoNotOptimize(ours(bytes)); }},
+                             Contestant{[&] { benchmark::DoNotOptimize(naive_decode(naive)); }},
+                             setting.effort(1, 1)),
+                     kKittiDense + (", " + form));
+    row.extra["planes"] = cell->planes.size();
+    row.extra["encoded_bytes"] = bytes.size();
+    row.extra["processor_us"] = processor_us([&] { benchmark::DoNotOptimize(ours(bytes)); });
+    add(std::move(row));
+  };
+  add_row("raw", raw, [](const Bytes& bytes) { return decode_cell(bytes); });
+  add_row("packed", packed, [](const Bytes& bytes) { return decode_coded_cell(bytes); });
+  add_row("compact, 20 mm", compact, [](const Bytes& bytes) { return decode_coded_cell(bytes); });
+}
+
 }  // namespace
 
 void codec_rows(const Setting& setting, const AddRow& add) {
+  coded_cell_rows(setting, add);
   for (const CellPair& pair : setting.pairs) {
     const Cell& cell = pair.a.cell();
     const Bytes raw = encode_cell(cell).bytes;

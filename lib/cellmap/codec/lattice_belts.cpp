@@ -13,33 +13,26 @@ constexpr std::uint64_t kGoldenTurn = 0x9E3779B97F4A7C15;  // 2^64 / phi
 constexpr double kRadPerUnit = 2 * std::numbers::pi * 0x1p-64;
 constexpr double kBandFloors[] = {-0.20, -0.60};  // FORMAT.md, "Lattices"
 
-/// Increasing, each once, of those from 1 to `limit` that are multiples of `divisor`.
-std::vector<std::uint32_t> sorted_steps(std::vector<std::int64_t> steps, std::uint32_t divisor,
-                                        std::uint32_t limit) {
-  std::sort(steps.begin(), steps.end());
-  steps.erase(std::unique(steps.begin(), steps.end()), steps.end());
-  std::vector<std::uint32_t> kept;
-  for (const std::int64_t step : steps) {
-    if (step > 0 && step <= limit && step % divisor == 0) {
-      kept.push_back(static_cast<std::uint32_t>(step));
-    }
-  }
-  return kept;
-}
-
 /// Sums of up to `reach` times each of two successive Fibonacci numbers, which are a reduced basis:
-/// all short vectors of the lattice of every `divisor`-th point.
+/// all short vectors of the lattice of every `divisor`-th point. Increasing, each once, those from
+/// 1 to `limit`.
 std::vector<std::uint32_t> short_steps(int reach, std::uint32_t divisor, std::uint32_t limit) {
-  std::vector<std::int64_t> steps;
+  std::vector<std::uint32_t> steps;
   for (std::int64_t f = 1, next = 2; f <= limit;) {
     for (int a = 0; a <= reach; ++a) {
-      for (int b = -reach; b <= reach; ++b) steps.push_back(a * f + b * next);
+      for (int b = -reach; b <= reach; ++b) {
+        const std::int64_t step = a * f + b * next;
+        if (step < 1 || step > limit || step % divisor != 0) continue;
+        steps.push_back(static_cast<std::uint32_t>(step));
+      }
     }
     const std::int64_t after = f + next;
     f = next;
     next = after;
   }
-  return sorted_steps(std::move(steps), divisor, limit);
+  std::sort(steps.begin(), steps.end());
+  steps.erase(std::unique(steps.begin(), steps.end()), steps.end());
+  return steps;
 }
 
 /// Which point of its sphere a direction of a lattice of bands is: the spheres' axis is y, along
@@ -118,7 +111,10 @@ LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& ca
   for (const Candidate& c : candidates) {
     const double height = 2.0 * c.step / divisor_;
     const Near near{c.azimuth_rad * c.azimuth_rad * r2 + height * height / r2, c.step};
-    if (count == kNeighbours && !(near < nearest[kNeighbours - 1])) continue;
+    if (count == kNeighbours && !(near < nearest[kNeighbours - 1])) {
+      if (height * height / r2 > nearest[kNeighbours - 1].distance2) break;  // as are all after it
+      continue;
+    }
     std::size_t at = count;
     for (; at > 0 && near < nearest[at - 1]; --at) nearest[at] = nearest[at - 1];
     nearest[at] = near;
@@ -137,9 +133,11 @@ void LatticeBelts::enter(Belt& belt, std::uint32_t number) const {
   const double r2 = std::max(a * (2 * m - a), 1.0) / (m * m);  // squared radius of its circle
   const Steps coarse = nearest_steps(coarse_, r2), fine = nearest_steps(fine_, r2);
   for (std::uint32_t rest = 0; rest < kCoarsePoints; ++rest) {
-    Offsets& offsets = belt.offsets[rest];
+    Offsets& offsets = belt.of[rest].offsets;
     std::size_t count = 0;
-    for (const std::uint32_t step : rest == 0 ? coarse : fine) {
+    const Steps& steps = rest == 0 ? coarse : fine;
+    belt.of[rest].least_step = *std::min_element(steps.begin(), steps.end());
+    for (const std::uint32_t step : steps) {
       const auto offset = static_cast<std::int32_t>(step);
       if (count < kNeighbours) offsets[count++] = -offset;
       const bool is_coarse_after = rest != 0 && (rest + step) % kCoarsePoints == 0;

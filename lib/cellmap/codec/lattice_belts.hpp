@@ -18,6 +18,7 @@ struct LatticeSphere {
   std::vector<std::uint32_t> points;  ///< of index first + k; empty: all, point k
   std::uint32_t count = 0;            ///< of indices
 
+  std::uint32_t end() const { return first + count; }
   std::uint32_t point(std::uint32_t k) const { return points.empty() ? k : points[k]; }
   double patch_radius_rad() const;
 };
@@ -42,12 +43,19 @@ class LatticeBelts {
 
   explicit LatticeBelts(const LatticeSphere& sphere);
 
+  /// What is the same for points of a belt that have the same place among the coarse ones.
+  struct Neighbourhood {
+    Offsets offsets;
+    std::uint32_t least_step;  ///< to the nearest of those before it in its own layer
+  };
+
   /// A belt has 256 points; what is found for one of them is kept for all.
-  const Offsets& offsets_at(std::uint32_t point) {
+  const Neighbourhood& at(std::uint32_t point) {
     Belt& belt = belts_[point / kBeltPoints];
     if (!belt.is_known) enter(belt, point / kBeltPoints);
-    return belt.offsets[point % kCoarsePoints];
+    return belt.of[point % kCoarsePoints];
   }
+  const Offsets& offsets_at(std::uint32_t point) { return at(point).offsets; }
 
   /// No offset is larger.
   std::uint32_t margin() const { return margin_; }
@@ -60,7 +68,7 @@ class LatticeBelts {
   };
   struct Belt {
     bool is_known = false;
-    std::array<Offsets, kCoarsePoints> offsets;  ///< by point % kCoarsePoints
+    std::array<Neighbourhood, kCoarsePoints> of;  ///< by point % kCoarsePoints
   };
   using Steps = std::array<std::uint32_t, kNeighbours>;
 

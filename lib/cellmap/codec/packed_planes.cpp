@@ -41,17 +41,17 @@ struct Expected {
   int last;     ///< axis of the coordinate that follows from the other two
 };
 
-Expected expected(const PlanePrediction& prediction, const InversePlane& m) {
-  const std::array<double, 3> v = {double(m.x), double(m.y), double(m.z)};
+Expected expected(const simd::PatchPredictions& predictions, std::size_t k) {
+  const std::array<double, 3> v = {predictions.m[0][k], predictions.m[1][k], predictions.m[2][k]};
   const double norm = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
   Expected e;
-  e.distance_m = static_cast<float>(kInverseRangeUnit / double(prediction.plane.w));
+  e.distance_m = static_cast<float>(kInverseRangeUnit / predictions.w[k]);
   e.last = 0;
   for (int i = 0; i < 3; ++i) {
     e.normal[i] = static_cast<float>(norm > 0 ? -v[i] / norm : 0);
     if (std::abs(v[i]) > std::abs(v[e.last])) e.last = i;
   }
-  e.context = std::min(prediction.agreeing, 2);
+  e.context = std::min(static_cast<int>(predictions.agreeing[k]), 2);
   return e;
 }
 
@@ -86,13 +86,12 @@ InversePlane to_inverse(const Plane& plane, const Eigen::Vector3d& u) {
   const double nx = plane.nx, ny = plane.ny, nz = plane.nz;
   const double along = nx * u.x() + ny * u.y() + nz * u.z();
   const double scale = kInverseRangeUnit / (along * double{plane.distance_m});
-  std::array<std::int64_t, 3> m;
-  const std::array<double, 3> v = {nx * scale, ny * scale, nz * scale};
-  for (int i = 0; i < 3; ++i) {
-    if (!(std::abs(v[i]) < static_cast<double>(kMaxInverseRange))) return {};
-    m[i] = floor_of(v[i] + 0.5);
+  InversePlane m = {nx * scale, ny * scale, nz * scale};
+  for (double* v : {&m.x, &m.y, &m.z}) {
+    if (!(std::abs(*v) < kMaxInverseRange)) return {};
+    *v = std::floor(*v + 0.5);
   }
-  return {m[0], m[1], m[2]};
+  return m;
 }
 
 /// What is kept from plane to plane.
@@ -110,15 +109,14 @@ struct PackedState {
 template <typename Coder>
 void code_planes(Coder& coder, PackedState& state, PackedModel& model,
                  std::span<const std::uint32_t> indices, std::span<Plane> planes) {
-  visit_patches(state.lattice, indices, [&](std::size_t k, const Patch& patch) {
-    state.known.move_to(patch.sphere, patch.point);
-    const PlanePrediction prediction = state.known.predict(patch.frame);
-    const Expected e = expected(prediction, patch.frame.to_cell(prediction.plane));
-    code_plane(coder, model, e, planes[k]);
-    state.known.add(to_inverse(planes[k], patch.frame.direction));
-    if constexpr (requires { coder.check(); }) {
-      if (k % 16 == 0) coder.check();
+  visit_batches(state.lattice, indices, [&](std::size_t first, const PatchBatch& batch) {
+    const simd::PatchPredictions& predictions = state.known.predict(batch);
+    for (std::size_t k = 0; k < batch.count; ++k) {
+      if (state.known.is_guess(k)) state.known.guess(batch, k);
+      code_plane(coder, model, expected(predictions, k), planes[first + k]);
+      state.known.add(batch, k, to_inverse(planes[first + k], batch.direction(k)));
     }
+    if constexpr (requires { coder.check(); }) coder.check();
   });
 }
 
@@ -195,9 +193,10 @@ DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view)
     const std::size_t most = sizeof(Plane) * std::max<std::size_t>(view.planes, 1);
     decoded.planes = unshuffled(zstd_decompress(view.bytes.last(frame_size), most), view.planes);
     // The stream knows nothing of these planes, but planes of the next layer are next to them.
-    visit_patches(state.lattice, decoded.indices, [&](std::size_t k, const Patch& patch) {
-      state.known.move_to(patch.sphere, patch.point);
-      state.known.add(to_inverse(decoded.planes[k], patch.frame.direction));
+    visit_batches(state.lattice, decoded.indices, [&](std::size_t first, const PatchBatch& batch) {
+      for (std::size_t k = 0; k < batch.count; ++k) {
+        state.known.add(batch, k, to_inverse(decoded.planes[first + k], batch.direction(k)));
+      }
     });
   } else {
     decoded.planes.resize(view.planes);
@@ -212,6 +211,7 @@ DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view)
 CodedLayers encode_packed_planes(CodingLattice& lattice, std::span<const std::uint32_t> indices,
                                  std::span<const Plane> planes) {
   PackedState state(lattice, planes.size());
+  state.index.has_plane.resize(lattice.lattice.size());
   for (const std::uint32_t index : indices) state.index.has_plane[index] = 1;
   CodedLayers layers;
   for (int layer = 0; layer < kPlaneLayers; ++layer) {

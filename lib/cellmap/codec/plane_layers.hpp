@@ -31,13 +31,6 @@ struct DecodedPlanes {
   std::vector<Plane> planes;
 };
 
-/// Where a plane is, as its coders see it.
-struct Patch {
-  std::size_t sphere = 0;
-  std::uint32_t point = 0;  ///< of the sphere
-  PatchFrame frame;
-};
-
 /// Calls `use(k, sphere, point of it)` for each of the lattice points, which ascend.
 template <typename Use>
 void visit_points(const CodingLattice& lattice, std::span<const std::uint32_t> indices,
@@ -46,25 +39,6 @@ void visit_points(const CodingLattice& lattice, std::span<const std::uint32_t> i
   for (std::size_t k = 0; k < indices.size(); ++k) {
     while (indices[k] >= lattice.spheres[sphere].first + lattice.spheres[sphere].count) ++sphere;
     use(k, sphere, lattice.spheres[sphere].point(indices[k] - lattice.spheres[sphere].first));
-  }
-}
-
-/// Calls `use(k, Patch)` for each of the lattice points, which ascend.
-template <typename Use>
-void visit_patches(const CodingLattice& lattice, std::span<const std::uint32_t> indices,
-                   const Use& use) {
-  constexpr std::size_t kBlock = 256;
-  std::array<double, kBlock> x, y, z;
-  std::size_t sphere = 0;
-  for (std::size_t begin = 0; begin < indices.size(); begin += kBlock) {
-    const auto part = indices.subspan(begin, std::min(kBlock, indices.size() - begin));
-    lattice.lattice.directions(part, x.data(), y.data(), z.data());
-    for (std::size_t k = 0; k < part.size(); ++k) {
-      while (part[k] >= lattice.spheres[sphere].first + lattice.spheres[sphere].count) ++sphere;
-      const std::uint32_t point =
-          lattice.spheres[sphere].point(part[k] - lattice.spheres[sphere].first);
-      use(begin + k, Patch{sphere, point, PatchFrame({x[k], y[k], z[k]})});
-    }
   }
 }
 

@@ -3,12 +3,12 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/codec/lattice_belts.hpp"
+#include "cellmap/simd/patch_planes.hpp"
 
 namespace cellmap {
 
@@ -20,56 +20,51 @@ namespace cellmap {
 // double precision too: the same on every machine and in every language (FORMAT.md, "Predicted
 // planes").
 
-constexpr int kInverseRangeBits = 28;  ///< unit of m: 2^-28 per metre
-constexpr double kInverseRangeUnit = 0x1p28;
-constexpr int kDirectionBits = 20;                                ///< unit of directions: 2^-20
-constexpr std::int64_t kMaxInverseRange = std::int64_t{1} << 30;  ///< of each coordinate: 4 per m
+constexpr double kInverseRangeUnit = 0x1p28;  ///< unit of m: 2^-28 per metre
+constexpr double kMaxInverseRange = 0x1p30;   ///< of each coordinate: 4 per m
 
-/// The largest integer that is not larger, of numbers that are small enough; without SSE 4.1
-/// std::floor is a call.
-inline std::int64_t floor_of(double x) {
-  const auto truncated = static_cast<std::int64_t>(x);
-  return truncated - (static_cast<double>(truncated) > x);
-}
-
-/// m in the CELL's frame, in units of 2^-28 per metre.
+/// m in the CELL's frame, whole numbers in units of 2^-28 per metre.
 struct InversePlane {
-  std::int64_t x = 0, y = 0, z = 0;
+  double x = 0, y = 0, z = 0;
 };
 
-/// m in the frame of a patch: w = m . u is the inverse range at its centre, s1 and s2 are the
-/// slopes of the inverse range along its tangents.
-struct PatchPlane {
-  std::int64_t w = 0, s1 = 0, s2 = 0;
-  bool is_in_range() const {
-    // One comparison each, and no branch between them.
-    const auto is_small = [](std::int64_t v) {
-      return static_cast<std::uint64_t>(v + kMaxInverseRange - 1) <
-             2 * static_cast<std::uint64_t>(kMaxInverseRange) - 1;
-    };
-    return (w > 0) & is_small(w) & is_small(s1) & is_small(s2);
+/// Patches that are coded one after another and of which none is another's neighbour. So all of
+/// them are predicted before the first is coded, side by side.
+struct PatchBatch {
+  std::size_t count = 0;                                   ///< at most simd::kMostPatches
+  std::size_t sphere = 0;                                  ///< that all of them are of
+  std::array<std::uint32_t, simd::kMostPatches> points{};  ///< of the sphere, ascending
+  simd::PatchFrames frames;
+
+  Eigen::Vector3d direction(std::size_t k) const {
+    return {frames.u[0][k], frames.u[1][k], frames.u[2][k]};
   }
 };
 
-/// The direction u of a patch and two tangents, t1 horizontal and t2 = u x t1.
-struct PatchFrame {
-  Eigen::Vector3d direction;
-  std::array<std::array<double, 3>, 2> tangents;
-  std::array<std::int64_t, 3> u, t1, t2;  ///< in units of 2^-20
-
-  explicit PatchFrame(const Eigen::Vector3d& direction);
-  PatchPlane to_patch(const InversePlane& m) const;
-  InversePlane to_cell(const PatchPlane& plane) const;
-};
-
-/// What the planes around a patch say about its own.
-struct PlanePrediction {
-  PatchPlane plane;           ///< mean of those that agree
-  int neighbours = 0;         ///< 0: none, and `plane` is a guess
-  int agreeing = 0;           ///< 1 to `neighbours`
-  std::int64_t w_spread = 0;  ///< sum over those that agree of how far each is from the mean
-  std::int64_t s_spread = 0;  ///< the same of both slopes
-};
+/// Calls `use(k, batch)` for batches of lattice points, which ascend and are of one layer; `k` is
+/// the position of the batch's first one.
+template <typename Use>
+void visit_batches(CodingLattice& lattice, std::span<const std::uint32_t> indices, const Use& use) {
+  PatchBatch batch;
+  for (std::size_t begin = 0; begin < indices.size(); begin += batch.count) {
+    const std::uint32_t first = indices[begin];
+    while (first >= lattice.spheres[batch.sphere].end()) ++batch.sphere;
+    const LatticeSphere& sphere = lattice.spheres[batch.sphere];
+    LatticeBelts& belts = lattice.belts[batch.sphere];
+    const std::size_t most = std::min(simd::kMostPatches, indices.size() - begin);
+    for (batch.count = 0; batch.count < most && indices[begin + batch.count] < sphere.end();
+         ++batch.count) {
+      const std::uint32_t point = sphere.point(indices[begin + batch.count] - sphere.first);
+      batch.points[batch.count] = point;
+      if (point - batch.points[0] >= belts.at(point).least_step) break;
+    }
+    const auto part = indices.subspan(begin, batch.count);
+    lattice.lattice.directions(part, batch.frames.u[0].data(), batch.frames.u[1].data(),
+                               batch.frames.u[2].data());
+    simd::complete_frames(batch.frames, batch.count);
+    use(begin, batch);
+  }
+}
 
 /// The planes of a CELL that are already known, by place in the lattice.
 class KnownPlanes {
@@ -77,22 +72,30 @@ class KnownPlanes {
   /// `lattice` must outlive it.
   KnownPlanes(CodingLattice& lattice, std::size_t planes);
 
-  /// Which patch is coded next.
-  void move_to(std::size_t sphere, std::uint32_t point);
+  /// What is known around each patch of `batch`.
+  const simd::PatchPredictions& predict(const PatchBatch& batch);
 
-  PlanePrediction predict(const PatchFrame& frame);
+  /// Whether there is nothing around patch k of the batch predicted last. Then `guess` predicts it
+  /// from the plane that was added last.
+  bool is_guess(std::size_t k) const { return predictions_.neighbours[k] == 0; }
+  void guess(const PatchBatch& batch, std::size_t k);
 
-  /// Makes the present patch a neighbour of later ones.
-  void add(const InversePlane& m);
+  /// Makes patch k of the batch a neighbour of later ones.
+  void add(const PatchBatch& batch, std::size_t k, const InversePlane& m) {
+    slots_[place(batch, k)] = static_cast<std::uint32_t>(planes_.size());
+    planes_.push_back(m);
+  }
 
  private:
-  static constexpr std::size_t kUsed = 6;  ///< of the neighbours
+  std::size_t place(const PatchBatch& batch, std::size_t k) const {
+    return lattice_.first_place[batch.sphere] + batch.points[k];
+  }
 
   CodingLattice& lattice_;
-  std::size_t sphere_ = 0;
-  std::uint32_t point_ = 0;
   std::vector<std::uint32_t> slots_;  ///< by place: position in planes_, 0: none
   std::vector<InversePlane> planes_;
+  simd::PatchNeighbours around_;
+  simd::PatchPredictions predictions_;
 };
 
 }  // namespace cellmap

@@ -9,8 +9,7 @@
 namespace cellmap {
 namespace {
 
-constexpr int kTail = 4;         // bytes of a range
-constexpr int kBitsAtOnce = 16;  // a range has at least 24
+constexpr int kTail = 4;  // bytes of a range
 
 std::uint32_t low_bits(std::uint32_t value, int count) {
   return value & ((std::uint32_t{1} << count) - 1);
@@ -60,21 +59,6 @@ Bytes RangeEncoder::finish() && {
 RangeDecoder::RangeDecoder(std::span<const std::byte> bytes) : bytes_(bytes) {
   for (int i = 0; i < kTail; ++i) shift();
   range_ = 0xffffffff;
-}
-
-std::uint32_t RangeDecoder::bits(int count, std::uint32_t) {
-  std::uint32_t value = 0;
-  for (int left = count; left > 0;) {
-    const int part = std::min(left, kBitsAtOnce);
-    left -= part;
-    range_ >>= part;
-    // No encoder leaves more than that; whoever does reads large numbers.
-    const std::uint32_t read = std::min(code_ / range_, (std::uint32_t{1} << part) - 1);
-    code_ -= read * range_;
-    value = value << part | read;
-    while (range_ < kMinRange) shift();
-  }
-  return value;
 }
 
 void RangeDecoder::check() const {

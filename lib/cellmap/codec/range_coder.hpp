@@ -14,30 +14,28 @@ class BitModel {
  public:
   constexpr BitModel() = default;
   /// Begins at `probability` / 256 that the bit is 1, 1 to 255.
-  explicit constexpr BitModel(std::uint8_t probability)
-      : fast_(static_cast<std::uint16_t>(probability << 8)), slow_(fast_) {}
+  explicit constexpr BitModel(std::uint8_t probability) : averages_(probability * 0x01000100u) {}
 
   /// In units of 2^-15, 35 to 32732: no bit is ever certain.
-  std::uint32_t probability() const { return (std::uint32_t{fast_} + slow_) >> 2; }
+  std::uint32_t probability() const { return ((averages_ >> 16) + (averages_ & 0xffff)) >> 2; }
 
-  void learn(bool bit) {
-    if (bit) {
-      fast_ = static_cast<std::uint16_t>(fast_ + ((65'535 - fast_) >> kFastShift));
-      slow_ = static_cast<std::uint16_t>(slow_ + ((65'535 - slow_) >> kSlowShift));
-    } else {
-      fast_ = static_cast<std::uint16_t>(fast_ - (fast_ >> kFastShift));
-      slow_ = static_cast<std::uint16_t>(slow_ - (slow_ >> kSlowShift));
-    }
-  }
+  /// A 1 takes both averages nearer to 65,535, by a 16th and a 128th of what is left, a 0 nearer to
+  /// 0: the same of the complement.
+  void learn(bool bit) { bit ? learn_1() : learn_0(); }
+  void learn_1() { averages_ = ~fallen(~averages_); }
+  void learn_0() { averages_ = fallen(averages_); }
 
  private:
-  static constexpr int kFastShift = 4, kSlowShift = 7;
-  std::uint16_t fast_ = 1u << 15, slow_ = 1u << 15;
+  static constexpr std::uint32_t fallen(std::uint32_t averages) {
+    return averages - ((averages >> 4 & 0x0fff0000) | (averages >> 7 & 0x000001ff));
+  }
+
+  std::uint32_t averages_ = 0x80008000;  ///< the fast one in the upper half
 };
 
 /// Writes bits in as much room as their models leave (FORMAT.md, "Range coding"). What is written
-/// and what is read are one function template over `Coder`: an encoder's `bit` and `bits` take the
-/// value and return it, a decoder's return what was read.
+/// and what is read are one function template over `Coder`: an encoder's `bit`, `plain_bit` and
+/// `bits` take the value and return it, a decoder's return what was read.
 class RangeEncoder {
  public:
   bool bit(BitModel& model, bool value) {
@@ -55,6 +53,7 @@ class RangeEncoder {
 
   /// `count` bits, 0 to 32, that nothing is known of.
   std::uint32_t bits(int count, std::uint32_t value);
+  bool plain_bit(bool value) { return bits(1, value) != 0; }
 
   Bytes finish() &&;
 
@@ -69,6 +68,8 @@ class RangeEncoder {
   std::uint32_t range_ = 0xffffffff;
 };
 
+constexpr int kBitsAtOnce = 16;  ///< that nothing is known of; a range has at least 24
+
 /// Reads any bytes without fault: beyond their end it reads zeros, which `check` reports.
 class RangeDecoder {
  public:
@@ -77,19 +78,42 @@ class RangeDecoder {
 
   bool bit(BitModel& model, bool = false) {
     const std::uint32_t bound = (range_ >> 15) * model.probability();
-    const bool value = code_ < bound;
-    if (value) {
+    if (code_ < bound) {
       range_ = bound;
-    } else {
-      code_ -= bound;
-      range_ -= bound;
+      model.learn_1();
+      fill();
+      return true;
     }
-    model.learn(value);
-    while (range_ < kMinRange) shift();
-    return value;
+    code_ -= bound;
+    range_ -= bound;
+    model.learn_0();
+    fill();
+    return false;
   }
 
-  std::uint32_t bits(int count, std::uint32_t = 0);
+  std::uint32_t bits(int count, std::uint32_t = 0) {
+    std::uint32_t value = 0;
+    for (int left = count; left > 0;) {
+      const int part = left < kBitsAtOnce ? left : kBitsAtOnce;
+      left -= part;
+      range_ >>= part;
+      // No encoder leaves more than that; whoever does reads large numbers.
+      const std::uint32_t most = (std::uint32_t{1} << part) - 1, quotient = code_ / range_;
+      const std::uint32_t read = quotient < most ? quotient : most;
+      code_ -= read * range_;
+      value = value << part | read;
+      fill();
+    }
+    return value;
+  }
+  /// The same as one of `bits`, without a division.
+  bool plain_bit(bool = false) {
+    range_ >>= 1;
+    const bool value = code_ >= range_;
+    code_ -= value ? range_ : 0;
+    fill();
+    return value;
+  }
 
   /// Throws Error{kCorruptData} where more was read than there is: ask now and then, so that a
   /// short input cannot keep a decoder busy.
@@ -101,6 +125,11 @@ class RangeDecoder {
  private:
   static constexpr std::uint32_t kMinRange = 1u << 24;
 
+  void fill() {
+    while (range_ < kMinRange) [[unlikely]] {
+        shift();
+      }
+  }
   void shift() {
     const auto next = position_ < bytes_.size() ? bytes_[position_] : std::byte{0};
     ++position_;
@@ -115,7 +144,7 @@ class RangeDecoder {
 };
 
 /// Models of an integer that is most often small: zero or not, the sign as it comes, the number of
-/// binary digits in unary, the second digit; the other digits as they come..
+/// binary digits in unary, the second digit; the other digits as they come.
 struct IntegerModel {
   static constexpr int kDigits = 10;  ///< integers of more digits share models
   BitModel is_zero;
@@ -125,10 +154,10 @@ struct IntegerModel {
 
 /// `value` of at most `max_digits` binary digits, at most 32, beside its sign. Returns it.
 template <typename Coder>
-std::int64_t code_integer(Coder& coder, IntegerModel& model, int max_digits,
-                          std::int64_t value = 0) {
+[[gnu::always_inline]] inline std::int64_t code_integer(Coder& coder, IntegerModel& model,
+                                                        int max_digits, std::int64_t value = 0) {
   if (coder.bit(model.is_zero, value == 0)) return 0;
-  const bool is_negative = coder.bits(1, value < 0) != 0;
+  const bool is_negative = coder.plain_bit(value < 0);
   const auto magnitude = static_cast<std::uint64_t>(value < 0 ? -value : value);
   const auto slot = [](int digits) {
     return digits < IntegerModel::kDigits ? digits : IntegerModel::kDigits - 1;

@@ -1,0 +1,76 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace cellmap::simd {
+
+/// What decoding a CELL computes for each of its planes, for many patches side by side (FORMAT.md,
+/// "Predicted planes" and "Compact planes"). Numbers that are called whole are integers, and every
+/// sum of their products is below 2^53, so exact; the others are single IEEE operations in the
+/// order of FORMAT.md. So all have the same bits on every instruction set.
+
+constexpr std::size_t kMostPatches = 64;  ///< at once; a multiple of every vector's lanes
+
+/// A number of each patch. Those beyond the last patch are computed too, and mean nothing.
+using PatchNumbers = std::array<double, kMostPatches>;
+using PatchVectors = std::array<PatchNumbers, 3>;
+
+/// Directions u of patches and two tangents, t1 horizontal and t2 = u x t1.
+struct PatchFrames {
+  PatchVectors u{}, t1{}, t2{};
+  PatchVectors whole_u{}, whole_t1{}, whole_t2{};  ///< in units of 2^-20
+};
+
+/// The rest of the frames from their directions. About 3 ns a patch with AVX2.
+void complete_frames(PatchFrames& frames, std::size_t count);
+
+/// Inverse-range vectors of planes around each patch, whole numbers in units of 2^-28 per metre;
+/// zeros where there are fewer.
+struct PatchNeighbours {
+  static constexpr std::size_t kMost = 6;
+  std::array<PatchVectors, kMost> m{};
+};
+
+/// What the planes around a patch say about its own, in its frame: the mean of those that agree.
+/// All whole numbers.
+struct PatchPredictions {
+  PatchNumbers w{}, s1{}, s2{};
+  PatchVectors m{};  ///< the same in the CELL's frame
+  PatchNumbers neighbours{}, agreeing{};
+  PatchNumbers w_spread{}, s_spread{};  ///< sums over those that agree
+};
+
+/// Where there are no neighbours only `neighbours` says something. About 12 ns a patch with AVX2.
+void predict_planes(const PatchFrames& frames, const PatchNeighbours& around, std::size_t count,
+                    PatchPredictions& predictions);
+
+/// Predictions as ranges and slopes, and what else steps are made of.
+struct ExpectedPlanes {
+  PatchNumbers range_m{}, s1{}, s2{};
+  PatchNumbers secant{};  ///< how far a point moves along its ray for each metre along the normal
+  PatchNumbers range_spread{}, slope_spread{};  ///< sums over those that agree
+};
+
+/// Of the patches from `begin` to `end`, and some around them. About 3 ns a patch with AVX2.
+void expect_planes(const PatchPredictions& predictions, std::size_t begin, std::size_t end,
+                   ExpectedPlanes& expected);
+
+/// Ranges of planes at the centres of their patches, and their slopes there along the tangents.
+struct LeaningPlanes {
+  PatchNumbers range_m{}, s1{}, s2{};
+};
+
+/// Planes as a CELL keeps them, and as later patches see them.
+struct RebuiltPlanes {
+  std::array<float, kMostPatches> distance_m{};
+  std::array<std::array<float, kMostPatches>, 3> normal{};
+  PatchVectors m{};        ///< whole, in units of 2^-28 per metre
+  PatchNumbers is_seen{};  ///< 1 where `m` is in range, else 0
+};
+
+/// Of the patches from `begin` to `end`, and some around them. About 8 ns a patch with AVX2.
+void rebuild_planes(const PatchFrames& frames, const LeaningPlanes& planes, std::size_t begin,
+                    std::size_t end, RebuiltPlanes& rebuilt);
+
+}  // namespace cellmap::simd
