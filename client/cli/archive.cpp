@@ -98,10 +98,27 @@ void write_archive(const Options& options, const Console& console) {
   });
 }
 
+/// Throws where a CELL of the archive is another one by now: its map was converted.
+void require_same_cells(const std::string& file, const std::vector<CellRecord>& of_map) {
+  ArchiveReader archive(open_file(file, FileMode::kRead));
+  std::map<CellId, ContentHash> hashes;
+  for (const CellRecord& record : of_map) hashes[record.id] = record.hash;
+  for (const ArchivedCell& listed : archive.cells()) {
+    const auto now = hashes.find(listed.id);
+    if (now == hashes.end() || now->second == listed.hash) continue;  // the pose graph says more
+    // A map that keeps CELLs compact names them by what they decode to.
+    if (encode_cell(archive.cell(listed.id).cell).hash == now->second) continue;
+    throw Error(ErrorCode::kConflict, "CELL " + std::to_string(listed.id.value) + " of '" + file +
+                                          "' is another one in the map by now; archive it anew");
+  }
+}
+
 void archive(const Options& options, const Console& console) {
   std::uint64_t written = 0;
   if (options.update) {
-    const PoseGraph graph = open_reader(options.place)->pose_graph(options.map);
+    const auto map = open_reader(options.place);
+    const PoseGraph graph = map->pose_graph(options.map);
+    require_same_cells(options.file, map->all_cells(options.map));
     written = update_archive(*open_file(options.file, FileMode::kUpdate), graph);
   } else {
     write_archive(options, console);

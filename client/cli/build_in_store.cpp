@@ -1,6 +1,7 @@
 #include "client/cli/build_in_store.hpp"
 
 #include <set>
+#include <utility>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/build_map.hpp"

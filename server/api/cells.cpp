@@ -131,11 +131,9 @@ void say_bound(Response& response, const CellForm& form) {
 
 /// The FlatBuffers form: the stored zstd frame as it is where the client takes it and the CELL is
 /// kept so, else the whole or a range of the bytes.
-Response binary_cell(Services& services, const Call& call, const CellRecord& record,
-                     const CellTags& tags, Response response) {
+Response binary_cell(const Call& call, const StoredCell& stored, const CellTags& tags,
+                     Response response) {
   response.headers.set("Content-Type", kCellType);
-  const StoredCell stored = services.store.stored_cell(call.path("map"), record.id);
-  say_bound(response, stored.form);
   const auto condition = call.header("If-Range");
   const bool is_range = call.header("Range") && (!condition || *condition == tags.identity);
   if (!is_range && stored.form.encoding == KeptEncoding::kRaw &&
@@ -145,7 +143,7 @@ Response binary_cell(Services& services, const Call& call, const CellRecord& rec
     response.body = SharedBytes{stored.frame, 0, stored.frame->size()};
     return response;
   }
-  auto bytes = std::make_shared<const Bytes>(open_stored_cell(stored).encoded.bytes);
+  auto bytes = std::make_shared<const Bytes>(encoded_of(stored).bytes);
   const std::size_t size = bytes->size();
   return ranged(call, std::move(response), std::move(bytes), size, tags.identity);
 }
@@ -199,11 +197,13 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
     response.status = 304;
     return response;
   }
-  if (!as_json) return binary_cell(services, call, record, tags, std::move(response));
+  const StoredCell stored = services.store.stored_cell(map, record.id);
+  // Converted between the two reads: what was said above is of another content.
+  if (stored.hash != record.hash) return get(services, coded_cells, call);
+  say_bound(response, stored.form);
+  if (!as_json) return binary_cell(call, stored, tags, std::move(response));
   response.headers.set("Content-Type", "application/json");
   response.headers.set("ETag", tags.json);
-  const StoredCell stored = services.store.stored_cell(map, record.id);
-  say_bound(response, stored.form);
   response.body = dump(cell_document(record, *open_stored_cell(stored).cell));
   return response;
 }

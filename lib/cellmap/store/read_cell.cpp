@@ -19,7 +19,10 @@ Cell read_cell(const Store& store, const std::string& map, CellId id) {
 }
 
 EncodedCell read_encoded_cell(const Store& store, const std::string& map, CellId id) {
-  const StoredCell stored = store.stored_cell(map, id);
+  return encoded_of(store.stored_cell(map, id));
+}
+
+EncodedCell encoded_of(const StoredCell& stored) {
   if (stored.form.encoding == KeptEncoding::kRaw) {
     return {stored.hash, zstd_decompress(*stored.frame, kMaxCellBytes)};
   }

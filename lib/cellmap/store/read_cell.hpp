@@ -20,7 +20,8 @@ EncodedCell read_encoded_cell(const Store& store, const std::string& map, CellId
 /// All of it: the CELL, its raw bytes, and the coded ones where it is kept in such.
 KeptCell read_kept_cell(const Store& store, const std::string& map, CellId id);
 
-/// What `Store::stored_cell` gave out.
+/// The same of what `Store::stored_cell` gave out.
 KeptCell open_stored_cell(const StoredCell& stored);
+EncodedCell encoded_of(const StoredCell& stored);
 
 }  // namespace cellmap
