@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
-# Usage: ./install-dependencies.sh [--without-pcl]
+# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies]
 set -euo pipefail
 
 packages=(
@@ -9,11 +9,13 @@ packages=(
   libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
   libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml
-  python3-numpy python3-zstandard python3-xxhash python3-pytest python3-matplotlib python3-setuptools python3-pip mypy
+  python3-numpy python3-zstandard python3-xxhash python3-pytest python3-matplotlib python3-setuptools python3-pip mypy help2man dpkg-dev
 )
 # PCL is large (1 GB installed); only the command line's PCD and PLY support and some rows of
 # `cellmap compare` need it, and Draco.
-[[ "${1:-}" == "--without-pcl" ]] || packages+=(libpcl-dev libdraco-dev)
+[[ " $* " == *" --without-pcl "* ]] || packages+=(libpcl-dev libdraco-dev)
+# Debian starts these as soon as they are installed, so only who asks gets them; their tests are skipped without.
+[[ " $* " != *" --with-proxies "* ]] || packages+=(nginx-light haproxy openssl)
 
 missing=()
 for package in "${packages[@]}"; do

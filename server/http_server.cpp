@@ -8,6 +8,7 @@
 
 #include "cellmap/core/error.hpp"
 #include "server/api/problem.hpp"
+#include "server/api/standard_headers.hpp"
 #include "server/api/text.hpp"
 
 // HTTP/1.1 by cpp-httplib: it reads heads (which the front has let pass) and bodies, and writes
@@ -44,13 +45,13 @@ class HttplibStream : public httplib::Stream {
     return connection_.write({data, size}) ? static_cast<ssize_t>(size) : -1;
   }
 
-  // The API asks for no addresses.
   void get_remote_ip_and_port(std::string& ip, int& port) const override {
-    ip.clear();
+    ip = connection_.address();
     port = 0;
   }
   void get_local_ip_and_port(std::string& ip, int& port) const override {
-    get_remote_ip_and_port(ip, port);
+    ip.clear();
+    port = 0;
   }
   socket_t socket() const override { return connection_.socket(); }
 
@@ -110,7 +111,7 @@ struct HttpServer::Impl : httplib::Server {
       answer(request, response, problem(ErrorCode::kInternal, "The server failed."), false);
     });
     const auto bare = [this](const httplib::Request& request, httplib::Response& response) {
-      answer(request, response, handle(request, {}, nullptr), true);
+      answer(request, response, api.handle(read_head(request)), true);
     };
     const auto with_body = [this](const httplib::Request& request, httplib::Response& response,
                                   const httplib::ContentReader& reader) {
@@ -124,16 +125,14 @@ struct HttpServer::Impl : httplib::Server {
     Delete(".*", with_body);
   }
 
-  Response handle(const httplib::Request& request, std::string body,
-                  std::shared_ptr<ByteFile> file) {
+  server::Request read_head(const httplib::Request& request) {
     server::Request own;
     own.method = request.method;
     own.target = request.target;
     for (const auto& [name, value] : request.headers) own.headers.add(name, value);
-    own.body = std::move(body);
-    own.file = std::move(file);
-    own.id = next_id();
-    return api.handle(own);
+    own.address = request.remote_addr;
+    own.id = given_request_id(own.headers).value_or(next_id());
+    return own;
   }
 
   std::string next_id() { return instance + "-" + std::to_string(++request_count); }
@@ -144,8 +143,12 @@ struct HttpServer::Impl : httplib::Server {
     const bool has_body =
         request.has_header("Transfer-Encoding") ||
         parse_unsigned(request.get_header_value("Content-Length")).value_or(0) > 0;
-    std::string body;
-    std::shared_ptr<ByteFile> file = api.file_for_body(request.method, request.target);
+    // Who may not send it has none of it read.
+    server::Request own = read_head(request);
+    if (auto refusal = api.refuse(own)) {
+      return answer(request, response, *std::move(refusal), !has_body);
+    }
+    own.file = api.file_for_body(request.method, request.target);
     if (has_body) {
       const std::size_t limit = api.max_body(request.method, request.target);
       bool too_large =
@@ -154,7 +157,8 @@ struct HttpServer::Impl : httplib::Server {
       const bool complete = !too_large && reader([&](const char* data, std::size_t size) {
         too_large = size > limit - length;
         if (too_large) return false;
-        file ? file->write(length, as_bytes({data, size})) : void(body.append(data, size));
+        own.file ? own.file->write(length, as_bytes({data, size}))
+                 : void(own.body.append(data, size));
         length += size;
         return true;
       });
@@ -169,17 +173,18 @@ struct HttpServer::Impl : httplib::Server {
                       problem(ErrorCode::kInvalidArgument, "The body ended early or is malformed."),
                       false);
       }
-      if (!complete) return answer(request, response, handle(request, {}, nullptr), false);
+      if (!complete) return answer(request, response, api.handle(own), false);
     }
-    answer(request, response, handle(request, std::move(body), std::move(file)), true);
+    answer(request, response, api.handle(own), true);
   }
 
   /// Hands a response to httplib. `keep`: the connection can take another request.
   void answer(const httplib::Request& request, httplib::Response& out, Response&& response,
               bool keep) {
     out.status = response.status;
-    set_instance(response, std::string_view(request.target).substr(0, request.target.find('?')));
-    if (!response.headers.get("X-Request-Id")) response.headers.set("X-Request-Id", next_id());
+    if (!response.headers.get("X-Request-Id")) {
+      api.complete(response, request.target, read_head(request).id);
+    }
     std::string type = "application/octet-stream";
     for (const auto& [name, value] : response.headers.fields()) {
       if (equal_no_case(name, "Content-Type")) {
@@ -271,7 +276,8 @@ HttpServer::HttpServer(Api& api, std::shared_ptr<spdlog::logger> log, HttpServer
           },
           [this](const std::exception& error) {
             impl_->log->error("a connection failed: {}", error.what());
-          }});
+          },
+          [this](Response& response) { impl_->api.complete(response, "", impl_->next_id()); }});
 }
 
 HttpServer::~HttpServer() = default;

@@ -1,7 +1,5 @@
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
-#include <CLI/CLI.hpp>
 #include <csignal>
 #include <filesystem>
 #include <iostream>
@@ -11,7 +9,9 @@
 #include "cellmap/store/sqlite_store.hpp"
 #include "server/api/api.hpp"
 #include "server/http_server.hpp"
+#include "server/log.hpp"
 #include "server/openapi_text.hpp"
+#include "server/settings.hpp"
 
 // cellmapd: serves the maps of one store over HTTP.
 
@@ -20,59 +20,11 @@ namespace {
 namespace fs = std::filesystem;
 using cellmap::Error;
 using cellmap::ErrorCode;
+using cellmap::server::Settings;
 
-struct Flags {
-  std::string store;
-  std::vector<std::string> listen{"127.0.0.1:8080"};
-  std::vector<std::string> data_roots;
-  std::string viewer;
-  int threads = 0;
-  std::string log_level = "info";
-  bool insecure = false;
-};
-
-void add_flags(CLI::App& app, Flags& flags) {
-  app.set_version_flag("--version", "cellmapd " CELLMAP_VERSION);
-  app.add_option("--store", flags.store, "The store's file; made where it is missing")->required();
-  app.add_option("--listen", flags.listen,
-                 "HOST:PORT (port 0: any free one) or unix:PATH (repeatable)")
-      ->capture_default_str();
-  app.add_option("--data-root", flags.data_roots,
-                 "A folder that ingest jobs may read data sets from (repeatable)");
-  app.add_option(
-      "--viewer", flags.viewer,
-      "Folder of the built viewer, served at /; default: the installed one, or the build "
-      "tree's");
-  app.add_option("--threads", flags.threads, "Threads of one computation; 0: all")
-      ->check(CLI::Range(0, 1024))
-      ->capture_default_str();
-  app.add_option("--log-level", flags.log_level, "How much goes to standard error")
-      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
-      ->capture_default_str();
-  app.add_flag("--insecure", flags.insecure,
-               "Listen beyond this machine although nobody is asked who they are");
-  app.footer(
-      "Example: cellmapd --store maps.db --listen 127.0.0.1:8080 --data-root ~/drives\n"
-      "SIGTERM and SIGINT stop it; running jobs go on at the next start.");
-}
-
-cellmap::server::HttpServerOptions read_addresses(const Flags& flags) {
-  for (const std::string& address : flags.listen) {
-    if (!cellmap::server::is_local(address) && !flags.insecure) {
-      throw Error(ErrorCode::kInvalidArgument,
-                  address +
-                      " is no loopback address, and this server asks nobody who they are: "
-                      "listen on 127.0.0.1 behind a proxy, or say --insecure.");
-    }
-  }
-  cellmap::server::HttpServerOptions options;
-  options.listen = flags.listen;
-  return options;
-}
-
-std::vector<fs::path> canonical_roots(const Flags& flags) {
+std::vector<fs::path> canonical_roots(const Settings& settings) {
   std::vector<fs::path> roots;
-  for (const auto& root : flags.data_roots) {
+  for (const auto& root : settings.data_roots) {
     std::error_code error;
     roots.push_back(fs::canonical(root, error));
     if (error || !fs::is_directory(roots.back())) {
@@ -84,8 +36,8 @@ std::vector<fs::path> canonical_roots(const Flags& flags) {
 
 /// The folder that was asked for, else where the viewer lies beside this program: as installed
 /// (PREFIX/bin) or in the build tree. Empty where it lies nowhere.
-fs::path viewer_folder(const Flags& flags) {
-  if (!flags.viewer.empty()) return flags.viewer;
+fs::path viewer_folder(const Settings& settings) {
+  if (!settings.viewer.empty()) return settings.viewer;
   std::error_code error;
   const fs::path here = fs::read_symlink("/proc/self/exe", error).parent_path();
   for (const char* place : {"../share/cellmap/web", "../web/dist"}) {
@@ -94,57 +46,87 @@ fs::path viewer_folder(const Flags& flags) {
   return {};
 }
 
-/// Stops the server at the first SIGTERM or SIGINT. The signals are blocked in every thread, so
-/// that they wait here.
-std::thread stop_on_signal(sigset_t signals, cellmap::server::Api& api,
-                           cellmap::server::HttpServer& server, spdlog::logger& log) {
-  return std::thread([signals, &api, &server, &log] {
-    int signal = 0;
-    sigwait(&signals, &signal);
+void on_hangup(cellmap::server::Api& api, cellmap::server::AuditLog* audit, spdlog::logger& log) {
+  api.reload_tokens();
+  try {
+    if (audit) audit->reopen();
+  } catch (const Error& error) {
+    log.error("goes on with the old audit log: {}", error.what());
+  }
+}
+
+/// Stops the server at the first SIGTERM or SIGINT; at SIGHUP reads its files again. The signals
+/// are blocked in every thread, so that they wait here.
+std::thread heed_signals(sigset_t signals, cellmap::server::Api& api,
+                         cellmap::server::HttpServer& server, cellmap::server::AuditLog* audit,
+                         spdlog::logger& log) {
+  return std::thread([signals, &api, &server, audit, &log] {
+    for (int signal = 0; sigwait(&signals, &signal) == 0 && signal == SIGHUP;) {
+      on_hangup(api, audit, log);
+    }
     log.info("stops: jobs that run go on at the next start");
     server.stop();
     api.stop();
   });
 }
 
-void serve(const Flags& flags) {
-  sigset_t signals;
-  sigemptyset(&signals);
-  sigaddset(&signals, SIGINT);
-  sigaddset(&signals, SIGTERM);
-  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
-
-  const auto log = std::make_shared<spdlog::logger>(
-      "cellmapd", std::make_shared<spdlog::sinks::stderr_color_sink_mt>());
-  log->set_level(spdlog::level::from_str(flags.log_level));
-  const auto addresses = read_addresses(flags);
-
+cellmap::server::ApiOptions api_options(const Settings& settings) {
   cellmap::server::ApiOptions options;
   options.openapi = cellmap::server::openapi_text();
-  options.viewer = viewer_folder(flags);
-  options.threads = flags.threads;
-  options.jobs.data_roots = canonical_roots(flags);
-  options.spool_folder = fs::absolute(flags.store).parent_path();
-  const auto store = cellmap::open_sqlite_store(flags.store);
+  options.viewer = viewer_folder(settings);
+  options.threads = settings.threads;
+  options.jobs.data_roots = canonical_roots(settings);
+  options.store_file = settings.store;
+  options.spool_folder = fs::absolute(settings.store).parent_path();
+  options.allow_origins = settings.allow_origins;
+  return options;
+}
+
+cellmap::server::HttpServerOptions http_options(const Settings& settings) {
+  cellmap::server::HttpServerOptions options;
+  options.listen = settings.listen;
+  options.front.max_connections = static_cast<std::size_t>(settings.max_connections);
+  return options;
+}
+
+void serve(const Settings& settings) {
+  sigset_t signals;
+  sigemptyset(&signals);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&signals, signal);
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+
+  using cellmap::server::LogFormat;
+  const bool json = settings.log_format == "json";
+  const auto log = make_log(settings.log_level, json ? LogFormat::kJson : LogFormat::kText);
+  check_addresses(settings);
+  cellmap::auth::Guard guard({.tokens = settings.tokens, .requests_per_s = settings.rate_limit});
+  std::unique_ptr<cellmap::server::AuditLog> audit;
+  if (!settings.audit.empty()) {
+    audit = std::make_unique<cellmap::server::AuditLog>(settings.audit);
+  }
+  if (guard.asks_for_tokens()) log->info("knows {} tokens", guard.token_count());
+
+  auto options = api_options(settings);
+  options.guard = &guard;
+  options.audit = audit.get();
+  const auto store = cellmap::open_sqlite_store(settings.store);
   cellmap::server::Api api(*store, std::move(options), log);
-  cellmap::server::HttpServer server(api, log, addresses);
+  cellmap::server::HttpServer server(api, log, http_options(settings));
   for (const std::string& url : server.urls()) {
     std::cout << "cellmapd listens on " << url << std::endl;
   }
-  std::thread stopper = stop_on_signal(signals, api, server, *log);
+  std::thread signal_thread = heed_signals(signals, api, server, audit.get(), *log);
   server.run();
-  stopper.join();
+  signal_thread.join();
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Serves the maps of one store over HTTP.", "cellmapd");
-  Flags flags;
-  add_flags(app, flags);
-  CLI11_PARSE(app, argc, argv);
   try {
-    serve(flags);
+    const auto read = cellmap::server::read_settings({argv + 1, argv + argc}, std::cout, std::cerr);
+    if (const int* code = std::get_if<int>(&read)) return *code;
+    serve(std::get<Settings>(read));
   } catch (const Error& error) {
     std::cerr << "cellmapd: " << error.what() << '\n';
     return error.code() == ErrorCode::kInvalidArgument ? 2 : 1;

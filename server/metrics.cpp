@@ -8,54 +8,94 @@
 
 #include <sstream>
 
+#include "server/process_figures.hpp"
+
 namespace cellmap::server {
 namespace {
+
+using prometheus::Counter;
+using prometheus::Family;
+using prometheus::Gauge;
 
 const prometheus::Histogram::BucketBoundaries kLatencyBuckets_s{
     0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30};
 
+/// Made anew for every reading, of values that were read a moment ago.
+class Reading {
+ public:
+  void gauge(const std::string& name, const std::string& help, double value,
+             const prometheus::Labels& labels = {}) {
+    prometheus::BuildGauge().Name(name).Help(help).Register(registry_).Add(labels).Set(value);
+  }
+  void counter(const std::string& name, const std::string& help, double value) {
+    prometheus::BuildCounter().Name(name).Help(help).Register(registry_).Add({}).Increment(value);
+  }
+  std::vector<prometheus::MetricFamily> collect() const { return registry_.Collect(); }
+
+ private:
+  prometheus::Registry registry_{prometheus::Registry::InsertBehavior::Merge};
+};
+
+// Names as Prometheus' own client libraries have them.
+void add_process(Reading& reading) {
+  const ProcessFigures process = read_process_figures();
+  reading.counter("process_cpu_seconds_total", "Processor time of user and system", process.cpu_s);
+  reading.gauge("process_resident_memory_bytes", "Resident memory", process.resident_bytes);
+  reading.gauge("process_virtual_memory_bytes", "Virtual memory", process.virtual_bytes);
+  reading.gauge("process_open_fds", "Open file descriptors", process.open_descriptors);
+  reading.gauge("process_max_fds", "Most file descriptors allowed", process.max_descriptors);
+  reading.gauge("process_threads", "Threads", process.threads);
+  reading.gauge("process_start_time_seconds", "Start of the process, Unix time",
+                process.start_unix_s);
+}
+
+void add_snapshot(Reading& reading, const MetricsSnapshot& snapshot) {
+  const auto number = [](auto value) { return static_cast<double>(value); };
+  reading.gauge("cellmap_build_info", "1, with the version of this server", 1,
+                {{"version", CELLMAP_VERSION}});
+  reading.gauge("cellmap_maps", "Maps in the store", number(snapshot.maps));
+  reading.gauge("cellmap_cells", "CELLs in all maps", number(snapshot.cells));
+  reading.gauge("cellmap_scans", "Scans of all CELLs", number(snapshot.scans));
+  reading.gauge("cellmap_cell_bytes", "Bytes of CELLs as stored", number(snapshot.cell_bytes));
+  reading.gauge("cellmap_store_bytes", "Bytes of the store's files", number(snapshot.store_bytes));
+  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(snapshot.queued_jobs),
+                {{"state", "queued"}});
+  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(snapshot.running_jobs),
+                {{"state", "running"}});
+  reading.gauge("cellmap_tokens", "Tokens that the server knows", number(snapshot.tokens));
+}
+
 }  // namespace
 
 struct Metrics::Impl {
+  Family<Counter>& counters(const char* name, const char* help) {
+    return prometheus::BuildCounter().Name(name).Help(help).Register(registry);
+  }
+
   prometheus::Registry registry;
-  prometheus::Family<prometheus::Counter>& requests = prometheus::BuildCounter()
-                                                          .Name("cellmap_http_requests_total")
-                                                          .Help("Requests answered")
-                                                          .Register(registry);
-  prometheus::Family<prometheus::Histogram>& latency =
+  Family<Counter>& requests = counters("http_requests_total", "Requests answered");
+  Family<prometheus::Histogram>& latency =
       prometheus::BuildHistogram()
-          .Name("cellmap_http_request_duration_seconds")
+          .Name("http_request_duration_seconds")
           .Help("Time from the whole request to the response, without sending it")
           .Register(registry);
-  prometheus::Counter& bytes_out = prometheus::BuildCounter()
-                                       .Name("cellmap_http_response_bytes_total")
-                                       .Help("Bytes of response bodies, without streams")
-                                       .Register(registry)
-                                       .Add({});
-  prometheus::Family<prometheus::Counter>& relocalisations =
-      prometheus::BuildCounter()
-          .Name("cellmap_relocalisations_total")
-          .Help("Relocalisations by outcome")
-          .Register(registry);
-  prometheus::Counter& cells = prometheus::BuildCounter()
-                                   .Name("cellmap_cells_committed_total")
-                                   .Help("CELLs that jobs and clients added")
-                                   .Register(registry)
-                                   .Add({});
-  prometheus::Family<prometheus::Counter>& jobs = prometheus::BuildCounter()
-                                                      .Name("cellmap_jobs_ended_total")
-                                                      .Help("Jobs by final state")
-                                                      .Register(registry);
-  prometheus::Gauge& running_jobs = prometheus::BuildGauge()
-                                        .Name("cellmap_jobs_running")
-                                        .Help("Jobs that run now")
-                                        .Register(registry)
-                                        .Add({});
-  prometheus::Gauge& followers = prometheus::BuildGauge()
-                                     .Name("cellmap_event_followers")
-                                     .Help("Clients that follow jobs now")
-                                     .Register(registry)
-                                     .Add({});
+  Counter& bytes_out =
+      counters("http_response_bytes_total", "Bytes of response bodies, without streams").Add({});
+  Family<Counter>& relocalisations =
+      counters("cellmap_relocalisations_total", "Relocalisations by outcome");
+  Counter& cells =
+      counters("cellmap_cells_committed_total", "CELLs that jobs and clients added").Add({});
+  Family<Counter>& jobs = counters("cellmap_jobs_ended_total", "Jobs by final state");
+  Counter& audit_failures =
+      counters("cellmap_audit_failures_total", "Writes that the audit log could not be told")
+          .Add({});
+  Family<Counter>& reloads =
+      counters("cellmap_token_reloads_total", "Readings of the token file, by result");
+  Gauge& followers = prometheus::BuildGauge()
+                         .Name("cellmap_event_followers")
+                         .Help("Clients that follow jobs or maps now")
+                         .Register(registry)
+                         .Add({});
 };
 
 Metrics::Metrics() : impl_(std::make_unique<Impl>()) {}
@@ -63,9 +103,9 @@ Metrics::~Metrics() = default;
 
 void Metrics::request(const std::string& route, const std::string& method, int status,
                       double seconds, std::size_t bytes_out) {
-  impl_->requests.Add({{"route", route}, {"method", method}, {"status", std::to_string(status)}})
+  impl_->requests.Add({{"route", route}, {"method", method}, {"code", std::to_string(status)}})
       .Increment();
-  impl_->latency.Add({{"route", route}}, kLatencyBuckets_s).Observe(seconds);
+  impl_->latency.Add({{"route", route}, {"method", method}}, kLatencyBuckets_s).Observe(seconds);
   impl_->bytes_out.Increment(static_cast<double>(bytes_out));
 }
 
@@ -81,12 +121,22 @@ void Metrics::job_ended(const std::string& state) {
   impl_->jobs.Add({{"state", state}}).Increment();
 }
 
-void Metrics::set_running_jobs(int count) { impl_->running_jobs.Set(count); }
 void Metrics::set_followers(int count) { impl_->followers.Set(count); }
 
-std::string Metrics::text() const {
+void Metrics::audit_failed() { impl_->audit_failures.Increment(); }
+
+void Metrics::tokens_reloaded(bool good) {
+  impl_->reloads.Add({{"result", good ? "good" : "bad"}}).Increment();
+}
+
+std::string Metrics::text(const MetricsSnapshot& snapshot) const {
+  Reading reading;
+  add_snapshot(reading, snapshot);
+  add_process(reading);
+  auto families = impl_->registry.Collect();
+  for (auto& family : reading.collect()) families.push_back(std::move(family));
   std::ostringstream text;
-  prometheus::TextSerializer().Serialize(text, impl_->registry.Collect());
+  prometheus::TextSerializer().Serialize(text, families);
   return text.str();
 }
 

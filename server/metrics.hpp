@@ -1,10 +1,21 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 
 namespace cellmap::server {
+
+/// What is counted when somebody looks, rather than when it happens.
+struct MetricsSnapshot {
+  std::size_t maps = 0;
+  std::uint64_t cells = 0, scans = 0;
+  std::uint64_t cell_bytes = 0;   ///< of CELLs as the store keeps them
+  std::uint64_t store_bytes = 0;  ///< of the store's files
+  std::size_t queued_jobs = 0, running_jobs = 0;
+  std::size_t tokens = 0;
+};
 
 /// What the server counts, as Prometheus text. Thread safe.
 class Metrics {
@@ -18,10 +29,12 @@ class Metrics {
   void relocalisation(bool found);
   void cells_committed(std::size_t count);
   void job_ended(const std::string& state);
-  void set_running_jobs(int count);
   void set_followers(int count);
+  void audit_failed();  ///< a write is missing in the audit log
+  void tokens_reloaded(bool good);
 
-  std::string text() const;
+  /// With what the operating system says of this process.
+  std::string text(const MetricsSnapshot& snapshot) const;
 
  private:
   struct Impl;

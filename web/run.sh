@@ -5,6 +5,7 @@
 #   check     type check             build   dist/, what cellmapd --viewer serves
 #   unit      unit tests             dev     Vite's development server (API: CELLMAP_URL, default 127.0.0.1:8080)
 #   e2e CELLMAP CELLMAPD   tests in Chromium against the real programs (web/install-browser.sh installs Chromium)
+#   measure CELLMAP CELLMAPD STORE MAP   time to the first picture, memory and bytes of the page on a map of yours
 # Every command prepares first. Exit code 77: Node.js 20 or newer is missing, nothing was done.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
@@ -14,7 +15,7 @@ arguments=()
 while [[ $# -gt 0 ]]; do
   case $1 in
     --out) out=${2:?--out needs a folder}; shift 2 ;;
-    -h|--help) sed -n '2,8s/^# \{0,1\}//p' "$0"; exit 0 ;;
+    -h|--help) sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 0 ;;
     *) if [[ -f $1 ]]; then arguments+=("$(realpath "$1")"); else arguments+=("$1"); fi; shift ;;
   esac
 done
@@ -56,5 +57,9 @@ case $command in
     fi
     [[ -f dist/index.html ]] || npm run --silent build
     CELLMAP_PROGRAM=$1 CELLMAPD_PROGRAM=$2 npm run --silent e2e ;;
+  measure)
+    [[ -f dist/index.html ]] || npm run --silent build
+    CELLMAP_PROGRAM=$1 CELLMAPD_PROGRAM=$2 CELLMAP_MEASURE_STORE=$3 CELLMAP_MEASURE_MAP=$4 \
+      npx vitest run --config vitest.e2e.config.ts e2e/measure.test.ts ;;
   *) echo "run.sh: unknown command '$command'; see --help" >&2; exit 2 ;;
 esac

@@ -80,13 +80,22 @@ class ArchiveMapReader : public MapReader {
   ArchiveReader archive_;
 };
 
+bool same_origin(const std::string& url, const std::string& server) {
+  const auto path = url.find('/', url.find("://") + 3);
+  const ServerUrl a = parse_server_url(url.substr(0, path)), b = parse_server_url(server);
+  return a.scheme == b.scheme && a.host == b.host && a.port == b.port;
+}
+
 }  // namespace
 
 std::unique_ptr<ByteSource> open_bytes(const std::string& file_or_url, const Place& place) {
   if (!is_http_url(file_or_url)) return open_file(file_or_url, FileMode::kRead);
   Place server = place;
-  server.server = "http://unused";
-  return open_http_file(file_or_url, client_options_of(server));
+  if (server.server.empty()) server.server = "http://unused";
+  ClientOptions options = client_options_of(server);
+  // A token is for its server, not for whoever hands out archives.
+  if (!same_origin(file_or_url, server.server)) options.token.clear();
+  return open_http_file(file_or_url, std::move(options));
 }
 
 std::unique_ptr<MapReader> open_archive_reader(const Place& place) {

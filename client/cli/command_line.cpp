@@ -31,6 +31,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_simulate(app, verbs);
   add_build(app, verbs);
   add_serve(app, verbs);
+  add_token(app, verbs);
   add_ingest(app, verbs);
   add_maps(app, verbs);
   add_fetch(app, verbs);

@@ -10,6 +10,7 @@
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
+#include "client/cli/read_token.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -105,6 +106,10 @@ void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_
   auto* server = verb.add_option("--server", place.server,
                                  "Address of the server, for example http://127.0.0.1:8080");
   server->envname("CELLMAP_SERVER");
+  verb.add_option("--token-file", place.token_file,
+                  "File that holds the token for the server (default: the environment's "
+                  "CELLMAP_TOKEN)")
+      ->envname("CELLMAP_TOKEN_FILE");
   if (with_store) {
     verb.add_option("--store", place.store, "Store file of this machine, instead of --server");
   }
@@ -132,6 +137,7 @@ ClientOptions client_options_of(const Place& place) {
   options.cache_directory = place.cache;
   options.read_timeout = std::chrono::milliseconds(static_cast<long>(place.timeout_s * 1000));
   options.user_agent = "cellmap/" CELLMAP_VERSION;
+  options.token = read_token(place.token_file);
   return options;
 }
 

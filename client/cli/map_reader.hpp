@@ -23,13 +23,15 @@ struct Place {
   std::string mirror;      ///< --mirror DIR, as `cellmap pull` keeps it
   std::string archive;     ///< --archive FILE or URL, as `cellmap archive` writes it
   std::string cache;       ///< --cache DIR, or CELLMAP_CACHE: CELLs kept between calls
+  std::string token_file;  ///< --token-file FILE, or CELLMAP_TOKEN_FILE; else CELLMAP_TOKEN counts
   double timeout_s = 120;  ///< --timeout
 
   /// True where no server works on it.
   bool is_offline() const { return !store.empty() || !mirror.empty() || !archive.empty(); }
 };
 
-/// Declares --server, --cache and --timeout, --store where `with_store`, and --mirror and
+/// Declares --server, --token-file, --cache and --timeout, --store where `with_store`, and --mirror
+/// and
 /// --archive where `with_mirror` (verbs that only read).
 void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_mirror = false);
 

@@ -38,20 +38,24 @@ std::string find_cellmapd() {
 }
 
 struct Options {
-  std::string store, listen = "127.0.0.1:8080", log_level, threads;
+  std::string config, store, listen = "127.0.0.1:8080", log_level, threads, tokens, audit;
   std::vector<std::string> data_roots;
   bool insecure = false;
 };
 
 std::vector<std::string> server_arguments(const Options& options) {
   std::vector<std::string> arguments = {"--store", options.store, "--listen", options.listen};
+  const auto pass = [&](const char* flag, const std::string& value) {
+    if (!value.empty()) arguments.insert(arguments.end(), {flag, value});
+  };
   for (const std::string& root : options.data_roots) {
     arguments.insert(arguments.end(), {"--data-root", root});
   }
-  if (!options.threads.empty()) arguments.insert(arguments.end(), {"--threads", options.threads});
-  if (!options.log_level.empty()) {
-    arguments.insert(arguments.end(), {"--log-level", options.log_level});
-  }
+  pass("--config", options.config);
+  pass("--tokens", options.tokens);
+  pass("--audit", options.audit);
+  pass("--threads", options.threads);
+  pass("--log-level", options.log_level);
   if (options.insecure) arguments.push_back("--insecure");
   return arguments;
 }
@@ -71,6 +75,10 @@ void add_serve(CLI::App& app, Verbs& verbs) {
   verb->add_option("--data-root", options->data_roots,
                    "Folder whose drives may be ingested by path (repeatable)");
   verb->add_option("--threads", options->threads, "Worker threads (default: the server's)");
+  verb->add_option("--tokens", options->tokens,
+                   "Token file ('cellmap token create'): who may do what");
+  verb->add_option("--audit", options->audit, "File that is told of every write");
+  verb->add_option("--config", options->config, "Configuration of cellmapd (cellmapd --help)");
   verb->add_flag("--insecure", options->insecure,
                  "Listen beyond this machine although nobody is asked who they are");
   verb->add_option("--log-level", options->log_level, "How much it logs (default: the server's)");

@@ -3,13 +3,16 @@
 #include <spdlog/sinks/null_sink.h>
 
 #include <exception>
+#include <utility>
 
 #include "cellmap/core/error.hpp"
+#include "server/api/access.hpp"
 #include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
+#include "server/log.hpp"
 
 namespace cellmap::server {
 namespace {
@@ -48,7 +51,8 @@ Services::Services(Store& store_in, std::shared_ptr<spdlog::logger> log_in, ApiO
 
 Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
     : services_(std::make_unique<Services>(store, log ? std::move(log) : silent_log(),
-                                           std::move(options))) {
+                                           std::move(options))),
+      cross_origin_(services_->options.allow_origins) {
   add_viewer_routes(router_, *services_);
   add_service_routes(router_, *services_);
   add_map_routes(router_, *services_);
@@ -69,6 +73,19 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
 }
 
 Api::~Api() = default;
+
+void Api::reload_tokens() {
+  auth::Guard* guard = services_->options.guard;
+  if (!guard || !guard->asks_for_tokens()) return;
+  try {
+    guard->reload();
+    services_->log->info("knows {} tokens now", guard->token_count());
+    services_->metrics.tokens_reloaded(true);
+  } catch (const Error& error) {
+    services_->log->error("keeps the tokens it had: {}", error.what());
+    services_->metrics.tokens_reloaded(false);
+  }
+}
 
 void Api::stop() {
   services_->stopping = true;
@@ -102,57 +119,179 @@ bool Api::may_wait(std::string_view method, std::string_view target) const {
   return route && route->waits;
 }
 
-Response Api::answer(const Request& request, std::string& route_name) {
-  auto target = parse_target(request.target);
-  auto match = router_.find(request.method, target.path);
+/// A request on its way, and what became known of it.
+struct Api::Exchange {
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+  Target target;
+  Router::Match match;
+  auth::Caller caller;
+
+  std::string pattern() const { return match.route ? match.route->pattern : "none"; }
+  std::string map() const {
+    const auto found = match.path.find("map");
+    return found == match.path.end() ? "" : found->second;
+  }
+};
+
+namespace {
+
+/// The map that a request is about, where its path says so.
+std::optional<std::string> map_of(const Router::Match& match, const JobQueue& jobs) {
+  if (const auto map = match.path.find("map"); map != match.path.end()) return map->second;
+  const auto job = match.path.find("job");
+  if (job == match.path.end()) return std::nullopt;
+  const auto id = parse_unsigned(job->second);
+  if (!id || *id > UINT32_MAX) return std::nullopt;
+  try {
+    return jobs.job(JobId{static_cast<std::uint32_t>(*id)}).record.map;
+  } catch (const Error& error) {
+    if (error.code() == ErrorCode::kNotFound) return std::nullopt;  // as the handler will say
+    throw;
+  }
+}
+
+void log_request(spdlog::logger& log, const Request& request, const std::string& route,
+                 const std::string& caller, const Response& response, double seconds) {
+  if (!log.should_log(spdlog::level::debug)) return;
+  const std::string text = fmt::format("[{}] {} {} {} {:.1f} ms", request.id, request.method,
+                                       in_quotes(request.target), response.status, seconds * 1e3);
+  log.debug(with_fields(text, {{"method", request.method},
+                               {"route", route},
+                               {"code", response.status},
+                               {"duration_s", seconds},
+                               {"bytes", body_view(response).size()},
+                               {"caller", caller},
+                               {"address", request.address}}));
+}
+
+/// An answer without end ends when its caller's token does.
+void end_with_token(Response& response, const auth::Guard& guard, const auth::Caller& caller) {
+  auto* stream = std::get_if<BodyStream>(&response.body);
+  if (!stream || !caller.token) return;
+  response.body = [&guard, token = caller.token, next = std::move(*stream)](std::string& chunk) {
+    return guard.still_knows(*token) && next(chunk);
+  };
+}
+
+}  // namespace
+
+/// Finds the route, and refuses who may not take it.
+std::optional<Response> Api::admit(const Request& request, Exchange& exchange) const {
+  exchange.target = parse_target(request.target);
+  exchange.match = router_.find(request.method, exchange.target.path);
+  const Route* route = exchange.match.route;
+  auth::Guard* guard = services_->options.guard;
+  if (request.caller) exchange.caller = *request.caller;
+  if (!route || !guard || request.caller) return std::nullopt;
+  auth::Demand demand{route->scope, {}, request.headers.get("Authorization"), request.address};
+  if (guard->asks_for_tokens()) demand.map = map_of(exchange.match, services_->jobs);
+  auto verdict = guard->admit(demand);
+  exchange.caller = std::move(verdict.caller);
+  if (verdict.refusal == auth::Refusal::kNone) return std::nullopt;
+  return refused(verdict, demand);
+}
+
+Response Api::answer(const Request& request, Exchange& exchange) const {
+  if (auto refusal = admit(request, exchange)) return *std::move(refusal);
+  const Router::Match& match = exchange.match;
   if (!match.route) {
-    if (!match.allow.empty()) return method_not_allowed(match.allow);
-    return problem(ErrorCode::kNotFound, "There is no resource at " + in_quotes(target.path) + ".");
+    if (match.allow.empty()) {
+      return problem(ErrorCode::kNotFound,
+                     "There is no resource at " + in_quotes(exchange.target.path) + ".");
+    }
+    if (auto preflight = cross_origin_.preflight(request, match.allow)) return *preflight;
+    return method_not_allowed(match.allow);
   }
   const Route& route = *match.route;
-  route_name = route.pattern;
   if (!route.types.empty() && !negotiate(request.headers.get("Accept"), route.types)) {
     return not_acceptable(route.types.front());
   }
-  check_query(route, target.query);
+  check_query(route, exchange.target.query);
   if (request.body.size() > route.max_body) {
     throw Error(ErrorCode::kTooLarge,
                 "The body may have at most " + std::to_string(route.max_body) + " bytes here.");
   }
-  return route.handler(Call(request, std::move(match.path), std::move(target.query)));
+  Response response =
+      route.handler(Call(request, exchange.caller, match.path, exchange.target.query));
+  if (auto* guard = services_->options.guard) end_with_token(response, *guard, exchange.caller);
+  return response;
+}
+
+/// The one place where errors become problem documents.
+template <class Answer>
+Response Api::caught(const Request& request, const Exchange& exchange, const Answer& answer) const {
+  const auto failed = [&](const char* what) {
+    services_->log->error("[{}] {} {}: {}", request.id, request.method, exchange.pattern(), what);
+    return "The server failed; its log names the request " + in_quotes(request.id) + ".";
+  };
+  try {
+    return answer();
+  } catch (const Error& error) {
+    if (status_of(error.code()) != 500) return problem(error);
+    return problem(error.code(), failed(error.what()));
+  } catch (const std::exception& error) {
+    return problem(ErrorCode::kInternal, failed(error.what()));
+  }
+}
+
+std::optional<Response> Api::refuse(Request& request) {
+  Exchange exchange;
+  bool refused = true;
+  Response response = caught(request, exchange, [&] {
+    auto refusal = admit(request, exchange);
+    refused = refusal.has_value();
+    return refused ? *std::move(refusal) : Response();
+  });
+  if (refused) {
+    finish(request, exchange, response);
+    return response;
+  }
+  request.caller = std::move(exchange.caller);
+  return std::nullopt;
 }
 
 Response Api::handle(const Request& request) {
-  const auto start = std::chrono::steady_clock::now();
-  Response response;
-  std::string route = "none";
-  try {
-    response = answer(request, route);
-  } catch (const Error& error) {
-    if (status_of(error.code()) == 500) {
-      services_->log->error("[{}] {} {}: {}", request.id, request.method, route, error.what());
-      response = problem(error.code(), "The server failed; its log names the request " +
-                                           in_quotes(request.id) + ".");
-    } else {
-      response = problem(error);
-    }
-  } catch (const std::exception& error) {
-    services_->log->error("[{}] {} {}: {}", request.id, request.method, route, error.what());
-    response = problem(ErrorCode::kInternal, "The server failed; its log names the request " +
-                                                 in_quotes(request.id) + ".");
-  }
-  if (response.status >= 400) {
-    set_instance(response, std::string_view(request.target).substr(0, request.target.find('?')));
-  }
-  response.headers.set("X-Request-Id", request.id);
-  response.headers.set("X-Content-Type-Options", "nosniff");
-  const double seconds =
-      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const std::string method = route == "none" ? "other" : request.method;
-  services_->metrics.request(route, method, response.status, seconds, body_view(response).size());
-  services_->log->debug("[{}] {} {} {} {:.1f} ms", request.id, request.method,
-                        in_quotes(request.target), response.status, seconds * 1e3);
+  Exchange exchange;
+  Response response = caught(request, exchange, [&] { return answer(request, exchange); });
+  finish(request, exchange, response);
   return response;
+}
+
+void Api::complete(Response& response, std::string_view target,
+                   const std::string& request_id) const {
+  const auto* guard = services_->options.guard;
+  set_instance(response, target.substr(0, target.find('?')), request_id);
+  set_standard_headers(response, request_id, guard && guard->asks_for_tokens());
+}
+
+void Api::finish(const Request& request, const Exchange& exchange, Response& response) const {
+  const auto* guard = services_->options.guard;
+  const Route* route = exchange.match.route;
+  const bool is_private = guard && guard->asks_for_tokens() && route && route->scope;
+  set_instance(response, std::string_view(request.target).substr(0, request.target.find('?')),
+               request.id);
+  set_standard_headers(response, request.id, is_private);
+  cross_origin_.allow(request, response);
+  if (route && is_write(route->scope)) audit(request, exchange, response);
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - exchange.start).count();
+  services_->metrics.request(exchange.pattern(), route ? request.method : "other", response.status,
+                             seconds, body_view(response).size());
+  log_request(*services_->log, request, exchange.pattern(), exchange.caller.name, response,
+              seconds);
+}
+
+void Api::audit(const Request& request, const Exchange& exchange, const Response& response) const {
+  if (!services_->options.audit) return;
+  try {
+    services_->options.audit->write({request.id, exchange.caller.name, request.address,
+                                     request.method, std::string(exchange.target.path),
+                                     exchange.map(), response.status, problem_code(response)});
+  } catch (const Error& error) {
+    // What was done is done; the operator has to know that its record is not whole.
+    services_->log->error("[{}] {}", request.id, error.what());
+    services_->metrics.audit_failed();
+  }
 }
 
 }  // namespace cellmap::server

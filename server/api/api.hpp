@@ -12,6 +12,9 @@
 
 #include "server/api/message.hpp"
 #include "server/api/router.hpp"
+#include "server/api/standard_headers.hpp"
+#include "server/audit_log.hpp"
+#include "server/auth/guard.hpp"
 #include "server/jobs/job_queue.hpp"
 #include "server/metrics.hpp"
 
@@ -29,6 +32,10 @@ struct ApiOptions {
   JobQueueOptions jobs;
   std::size_t max_archive_bytes = 16ull << 30;  ///< of an uploaded archive
   std::filesystem::path spool_folder;           ///< of large bodies; empty: the system's
+  std::filesystem::path store_file;             ///< whose size metrics say; empty: unknown
+  auth::Guard* guard = nullptr;            ///< outlives the API; null: everyone may do everything
+  AuditLog* audit = nullptr;               ///< outlives the API; null: none
+  std::vector<std::string> allow_origins;  ///< as `CrossOrigin` has them
 };
 
 /// What handlers work with.
@@ -56,6 +63,13 @@ class Api {
 
   Response handle(const Request& request);
 
+  /// Before a body is read: the answer to a request that may not go on, else nullopt, and the
+  /// caller is noted in the request, which is not asked again.
+  std::optional<Response> refuse(Request& request);
+
+  /// What every answer has, for answers that the front makes itself.
+  void complete(Response& response, std::string_view target, const std::string& request_id) const;
+
   /// How many bytes of body a request may bring: known from its first line, before it is read.
   std::size_t max_body(std::string_view method, std::string_view target) const;
   /// Where its body is to be put, if not into memory; null: into memory.
@@ -64,15 +78,25 @@ class Api {
   /// Whether a request may wait for a job, a follower's next event, its turn or its reader.
   bool may_wait(std::string_view method, std::string_view target) const;
 
+  /// Reads the guard's tokens again; a file that cannot be read is logged and changes nothing.
+  void reload_tokens();
+
   /// Ends jobs (they go on at the next start) and event streams. Requests are still answered.
   void stop();
 
   const Router& router() const { return router_; }
 
  private:
-  Response answer(const Request& request, std::string& route_name);
+  struct Exchange;
+  std::optional<Response> admit(const Request& request, Exchange& exchange) const;
+  Response answer(const Request& request, Exchange& exchange) const;
+  template <class Answer>
+  Response caught(const Request& request, const Exchange& exchange, const Answer& answer) const;
+  void finish(const Request& request, const Exchange& exchange, Response& response) const;
+  void audit(const Request& request, const Exchange& exchange, const Response& response) const;
 
   std::unique_ptr<Services> services_;
+  CrossOrigin cross_origin_;
   Router router_;
 };
 

@@ -2,6 +2,7 @@
 
 #include "cellmap/codec/scan_codec.hpp"
 #include "cellmap/core/error.hpp"
+#include "server/api/access.hpp"
 #include "server/api/api.hpp"
 #include "server/api/follower.hpp"
 #include "server/api/job_document.hpp"
@@ -34,7 +35,12 @@ Response create(Services& services, const Call& call) {
 }
 
 Response create_merge(Services& services, const Call& call) {
-  const JobView job = services.jobs.submit_merge(call.path("map"), call.json());
+  const Json request = call.json();
+  if (request.is_object() && request.contains("from") && request["from"].is_string()) {
+    const auto from = request["from"].get<std::string>();
+    if (!call.may_use(from)) return map_refused(from);
+  }
+  const JobView job = services.jobs.submit_merge(call.path("map"), request);
   Response response = json_response(to_json(job), 202);
   response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
   return response;

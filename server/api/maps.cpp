@@ -1,4 +1,5 @@
 #include "cellmap/core/error.hpp"
+#include "server/api/access.hpp"
 #include "server/api/api.hpp"
 
 // /v1/maps and /v1/maps/{map}.
@@ -8,9 +9,11 @@ namespace {
 
 constexpr std::size_t kMaxBody = 64u << 10;
 
-Response list(Services& services) {
+Response list(Services& services, const Call& call) {
   Json maps = Json::array();
-  for (const auto& map : services.store.maps()) maps.push_back(to_json(map));
+  for (const auto& map : services.store.maps()) {
+    if (call.may_use(map.name)) maps.push_back(to_json(map));
+  }
   return json_response({{"maps", std::move(maps)}});
 }
 
@@ -24,6 +27,7 @@ Response create(Services& services, const Call& call) {
   const CellForm form = read_form(reader).value_or(CellForm{});
   reader.finish();
   validate_map_name(*name);
+  if (!call.may_use(*name)) return map_refused(*name);
   Response response = json_response(to_json(services.store.create_map(*name, spec, form)), 201);
   response.headers.set("Location", "/v1/maps/" + *name);
   return response;
@@ -49,7 +53,8 @@ Response remove(Services& services, const Call& call) {
 
 void add_map_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
-  router.add({"GET", "/v1/maps", {}, 0, json, [&](const Call&) { return list(services); }});
+  router.add(
+      {"GET", "/v1/maps", {}, 0, json, [&](const Call& call) { return list(services, call); }});
   router.add({"POST", "/v1/maps", {}, kMaxBody, json, [&](const Call& call) {
                 return create(services, call);
               }});

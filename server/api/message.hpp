@@ -13,6 +13,7 @@
 
 #include "cellmap/archive/byte_source.hpp"
 #include "cellmap/codec/cell_codec.hpp"
+#include "server/auth/guard.hpp"
 
 namespace cellmap::server {
 
@@ -38,6 +39,9 @@ struct Request {
   std::string body;
   std::string id;                    ///< names the request in logs and in X-Request-Id
   std::shared_ptr<ByteFile> file{};  ///< the body instead, of a route that takes large ones
+  std::string address{};             ///< where it comes from, for limits and the audit log
+  /// Who asks, once `Api::refuse` let it pass; `Api::handle` finds out itself where it is not set.
+  std::optional<auth::Caller> caller{};
 };
 
 /// Bytes that many answers share without copying.

@@ -86,12 +86,35 @@ Response problem_with_status(int status, ErrorCode code, const std::string& deta
   return document(status, std::string(to_string(code)), row_of(code).title, detail);
 }
 
-void set_instance(Response& response, std::string_view path) {
-  auto* body = std::get_if<std::string>(&response.body);
-  if (!body || response.headers.get("Content-Type") != "application/problem+json") return;
-  Json json = Json::parse(*body);
+Response access_problem(int status, const std::string& code, const std::string& title,
+                        const std::string& detail) {
+  return document(status, code, title, detail);
+}
+
+namespace {
+
+/// Null where the response is none.
+const std::string* problem_text(const Response& response) {
+  const auto* body = std::get_if<std::string>(&response.body);
+  const bool is_problem =
+      body && response.headers.get("Content-Type") == "application/problem+json";
+  return is_problem ? body : nullptr;
+}
+
+}  // namespace
+
+std::string problem_code(const Response& response) {
+  const auto* text = problem_text(response);
+  return text ? Json::parse(*text).value("code", "") : "";
+}
+
+void set_instance(Response& response, std::string_view path, const std::string& request_id) {
+  const auto* text = problem_text(response);
+  if (!text) return;
+  Json json = Json::parse(*text);
   json["instance"] = std::string(path);
-  *body = dump(json);
+  json["request_id"] = request_id;
+  response.body = dump(json);
 }
 
 }  // namespace cellmap::server

@@ -25,7 +25,14 @@ Response range_not_satisfiable(std::size_t size);
 /// For the front, which refuses some requests before they reach the API: any status with a code.
 Response problem_with_status(int status, ErrorCode code, const std::string& detail);
 
-/// Puts the path of the request into a problem document; leaves other responses alone.
-void set_instance(Response& response, std::string_view path);
+/// For codes that only HTTP knows.
+Response access_problem(int status, const std::string& code, const std::string& title,
+                        const std::string& detail);
+
+/// The code of a problem document; "" for other responses.
+std::string problem_code(const Response& response);
+
+/// Puts the path of the request and its id into a problem document; leaves other responses alone.
+void set_instance(Response& response, std::string_view path, const std::string& request_id);
 
 }  // namespace cellmap::server

@@ -2,6 +2,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
+#include "server/api/access.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/text.hpp"
 
@@ -130,6 +131,11 @@ std::shared_ptr<ByteFile> Call::file() const {
   if (request_.file) return request_.file;
   const auto bytes = as_bytes(request_.body);
   return std::make_shared<MemoryFile>(Bytes(bytes.begin(), bytes.end()));
+}
+
+void Router::add(Route route) {
+  route.scope = scope_of(route.method, route.pattern);
+  routes_.push_back(std::move(route));
 }
 
 Router::Match Router::find(std::string_view method, std::string_view path) const {

@@ -19,14 +19,18 @@ namespace cellmap::server {
 /// expected.
 class Call {
  public:
-  Call(const Request& request, std::map<std::string, std::string> path,
+  /// `caller` outlives the call.
+  Call(const Request& request, const auth::Caller& caller, std::map<std::string, std::string> path,
        std::map<std::string, std::string> query)
-      : request_(request), path_(std::move(path)), query_(std::move(query)) {}
+      : request_(request), caller_(caller), path_(std::move(path)), query_(std::move(query)) {}
 
   const std::string& method() const { return request_.method; }
   std::optional<std::string> header(std::string_view name) const {
     return request_.headers.get(name);
   }
+
+  /// Whether the caller's token is good for a map. The one in the path was checked already.
+  bool may_use(const std::string& map) const { return caller_.may_use(map); }
 
   const std::string& path(const std::string& name) const { return path_.at(name); }
   std::uint32_t path_id(const std::string& name) const;
@@ -49,6 +53,7 @@ class Call {
 
  private:
   const Request& request_;
+  const auth::Caller& caller_;
   std::map<std::string, std::string> path_, query_;
 };
 
@@ -65,12 +70,14 @@ struct Route {
   Handler handler;
   bool waits = false;         ///< a GET that takes long or waits for something to happen
   bool body_in_file = false;  ///< bodies are large: the front puts them into a file, not in memory
+  std::optional<auth::Scope> scope{};  ///< what it asks of its caller; `add` looks it up
 };
 
 /// Routes of the API in order; the first that fits wins.
 class Router {
  public:
-  void add(Route route) { routes_.push_back(std::move(route)); }
+  /// Throws as `scope_of` for a route of which nobody said who may call it.
+  void add(Route route);
 
   struct Match {
     const Route* route = nullptr;  ///< null: no route

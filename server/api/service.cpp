@@ -26,6 +26,34 @@ Response ready(Services& services) {
   return json_response({{"status", "ready"}});
 }
 
+/// The store's files, one of which may not be there.
+std::uint64_t store_bytes(const std::filesystem::path& file) {
+  std::uint64_t bytes = 0;
+  if (file.empty()) return bytes;
+  for (const char* suffix : {"", "-wal", "-shm"}) {
+    std::error_code error;
+    const auto size = std::filesystem::file_size(file.string() + suffix, error);
+    if (!error) bytes += size;
+  }
+  return bytes;
+}
+
+MetricsSnapshot snapshot(const Services& services) {
+  MetricsSnapshot snapshot;
+  for (const MapInfo& map : services.store.maps()) {
+    ++snapshot.maps;
+    snapshot.cells += map.cells;
+    snapshot.scans += map.scans;
+    snapshot.cell_bytes += map.stored_bytes;
+  }
+  snapshot.store_bytes = store_bytes(services.options.store_file);
+  const auto jobs = services.jobs.unfinished();
+  snapshot.queued_jobs = jobs.queued;
+  snapshot.running_jobs = jobs.running;
+  if (services.options.guard) snapshot.tokens = services.options.guard->token_count();
+  return snapshot;
+}
+
 }  // namespace
 
 void add_service_routes(Router& router, Services& services) {
@@ -34,7 +62,8 @@ void add_service_routes(Router& router, Services& services) {
               }});
   router.add({"GET", "/readyz", {}, 0, {}, [&services](const Call&) { return ready(services); }});
   router.add({"GET", "/metrics", {}, 0, {}, [&services](const Call&) {
-                return text_response(services.metrics.text(), "text/plain; version=0.0.4");
+                return text_response(services.metrics.text(snapshot(services)),
+                                     "text/plain; version=0.0.4");
               }});
   router.add({"GET", "/openapi.yaml", {}, 0, {}, [&services](const Call&) {
                 return text_response(services.options.openapi, "application/yaml");

@@ -1,5 +1,6 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/copy_sessions.hpp"
+#include "server/api/access.hpp"
 #include "server/api/api.hpp"
 
 // POST /v1/maps/{map}/split.
@@ -34,6 +35,7 @@ SplitRequest read_request(const Json& json) {
 Response split(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const SplitRequest request = read_request(call.json());
+  if (!call.may_use(request.into)) return map_refused(request.into);
   Store& store = services.store;
   const std::lock_guard lock(state->writer());
   if (services.jobs.has_unfinished(state->name())) {

@@ -52,7 +52,9 @@ body { font: 1rem/1.5 system-ui, sans-serif; max-width: 40rem; margin: 3rem auto
 Response landing_page() {
   Response page;
   page.headers.set("Content-Type", "text/html; charset=utf-8");
-  page.headers.set("Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'");
+  page.headers.set("Content-Security-Policy",
+                   "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; "
+                   "form-action 'none'; frame-ancestors 'none'");
   page.body = std::string(kLandingPage);
   return page;
 }

@@ -1,5 +1,7 @@
 #include "server/http/connection.hpp"
 
+#include <arpa/inet.h>
+#include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -23,6 +25,28 @@ Connection::Connection(int socket, const ConnectionLimits& limits, const std::at
     : socket_(socket), limits_(limits), stop_(stop), start_(Clock::now()) {}
 
 Connection::~Connection() { ::close(socket_); }
+
+const std::string& Connection::address() const {
+  if (!address_.empty()) return address_;
+  sockaddr_storage peer{};
+  socklen_t size = sizeof(peer);
+  char text[INET6_ADDRSTRLEN] = "unknown";
+  if (::getpeername(socket_, reinterpret_cast<sockaddr*>(&peer), &size) != 0)
+    return address_ = text;
+  if (peer.ss_family == AF_UNIX) return address_ = "unix";
+  if (peer.ss_family == AF_INET) {
+    ::inet_ntop(AF_INET, &reinterpret_cast<sockaddr_in&>(peer).sin_addr, text, sizeof(text));
+    return address_ = text;
+  }
+  in6_addr network = reinterpret_cast<sockaddr_in6&>(peer).sin6_addr;
+  if (IN6_IS_ADDR_V4MAPPED(&network)) {
+    ::inet_ntop(AF_INET, network.s6_addr + 12, text, sizeof(text));
+    return address_ = text;
+  }
+  std::fill_n(network.s6_addr + 8, 8, std::uint8_t{0});
+  ::inet_ntop(AF_INET6, &network, text, sizeof(text));
+  return address_ = std::string(text) + "/64";
+}
 
 bool Connection::receive() {
   if (begin_ == input_.size()) {

@@ -27,6 +27,9 @@ class Connection {
   Connection& operator=(const Connection&) = delete;
 
   int socket() const { return socket_; }
+  /// Of the peer: an IPv4 address, the network of an IPv6 one ("2001:db8:1:2::/64", which one host
+  /// may have whole), or "unix".
+  const std::string& address() const;
 
   /// Takes what the socket has, up to 64 kB at a time, without waiting. False where the peer has
   /// closed or the connection is broken.
@@ -67,6 +70,7 @@ class Connection {
   int socket_;
   const ConnectionLimits& limits_;
   const std::atomic<bool>& stop_;
+  mutable std::string address_;  ///< once it was asked for
   std::string input_;
   std::size_t begin_ = 0;  ///< of what was not read yet
   std::string output_;

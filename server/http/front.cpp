@@ -141,7 +141,7 @@ struct Front::Impl {
     const int yes = 1;
     ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof(yes));  // fails for a unix socket
     if (clients.size() >= options.max_connections && !make_room()) {
-      const std::string answer = whole_answer(overloaded());
+      const std::string answer = own_answer(overloaded());
       ::send(socket, answer.data(), answer.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
       ::close(socket);
       return;
@@ -251,11 +251,16 @@ struct Front::Impl {
     }
   }
 
+  std::string own_answer(Response response) const {
+    if (handlers.complete) handlers.complete(response);
+    return whole_answer(response);
+  }
+
   /// The front's own answer; the connection ends after it.
-  void answer(Client& client, const Response& response) {
+  void answer(Client& client, Response response) {
     client.keep = false;
     client.connection.begin(false);
-    if (!client.connection.write(whole_answer(response)) || !client.connection.flush()) {
+    if (!client.connection.write(own_answer(std::move(response))) || !client.connection.flush()) {
       return close(client);
     }
     after_answer(client);

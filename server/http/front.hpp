@@ -36,6 +36,8 @@ struct FrontHandlers {
   /// Told what `serve` threw, for example because a file could not be read while it was sent. The
   /// connection is closed, so that a cut off answer cannot be taken for a whole one.
   std::function<void(const std::exception&)> on_failure;
+  /// Adds to the front's own answers what every answer has. May be empty.
+  std::function<void(Response&)> complete = {};
 };
 
 /// The sockets of the server. One thread accepts, holds idle connections, reads heads and sends

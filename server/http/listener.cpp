@@ -1,5 +1,6 @@
 #include "server/http/listener.hpp"
 
+#include <arpa/inet.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -141,7 +142,9 @@ void Listener::listen_on_tcp(const std::string& host, const std::string& port) {
 bool is_local(const std::string& address) {
   if (address.starts_with(kUnix)) return true;
   const std::string host = split(address).host;
-  return host == "localhost" || host == "::1" || host.starts_with("127.");
+  in_addr ip{};
+  const bool is_ip = ::inet_pton(AF_INET, host.c_str(), &ip) == 1;  // no name such as 127.example
+  return host == "localhost" || host == "::1" || (is_ip && host.starts_with("127."));
 }
 
 }  // namespace cellmap::server

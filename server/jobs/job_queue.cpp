@@ -349,6 +349,15 @@ JobView JobQueue::wait(JobId id, std::uint64_t seen, std::chrono::milliseconds t
   return view(store_.job(id));
 }
 
+JobQueue::Counts JobQueue::unfinished() const {
+  Counts counts;
+  const std::lock_guard lock(mutex_);
+  for (const auto& [id, job] : live_) {
+    ++(job->record.state == JobState::kRunning ? counts.running : counts.queued);
+  }
+  return counts;
+}
+
 bool JobQueue::has_unfinished(const std::string& map) const {
   const std::lock_guard lock(mutex_);
   return std::ranges::any_of(live_,

@@ -81,6 +81,10 @@ class JobQueue {
   JobView wait(JobId id, std::uint64_t seen, std::chrono::milliseconds timeout) const;
 
   bool has_unfinished(const std::string& map) const;
+  struct Counts {
+    std::size_t queued = 0, running = 0;
+  };
+  Counts unfinished() const;
 
   /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers
   /// ended.

@@ -31,9 +31,10 @@ ROOMS = {
     "export": ["core", "geometry", "cell", "place"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry", "evaluation"],
-    "server": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
+    "auth": ["core"],
+    "server": ["auth", "core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
                "change", "pipeline", "codec", "store", "archive", "document"],
-    "client": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
+    "client": ["auth", "core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
                "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "export", "simulation", "pcl"],
 }
 
@@ -66,7 +67,9 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 
 
 def room_of(path: Path) -> str:
-    """lib/cellmap/<room>/..., server/..., client/..."""
+    """lib/cellmap/<room>/..., server/auth/..., server/..., client/..."""
+    if path.parts[:2] == ("server", "auth"):
+        return "auth"
     return path.parts[2] if path.parts[0] == "lib" else path.parts[0]
 
 
@@ -75,6 +78,8 @@ def included_room(header: str, own_room: str):
     parts = header.split("/")
     if parts[0] == "cellmap" and len(parts) > 2:
         return parts[1]
+    if parts[:2] == ["server", "auth"]:
+        return "auth"
     return parts[0] if parts[0] in ("server", "client") else None
 
 

@@ -17,7 +17,7 @@ import jsonschema
 import yaml
 
 # Documented, but not provoked: a store that fails or is full, and refusals that every operation of a kind shares.
-UNSEEN_STATUSES = {"406", "413", "503"}
+UNSEEN_STATUSES = {"406", "413", "429", "503"}
 
 
 def record(server_test):
@@ -82,8 +82,20 @@ class Checker:
                 self.errors.add(f"{where}: a status that is not documented")
             return
         self.seen.add((template, method, status))
+        self.check_security(exchange, operation, where)
         self.check_body(exchange, self.resolve(response), where)
         self.check_request(exchange, operation, where)
+
+    def check_security(self, exchange, operation, where):
+        """What the server asks for is what is documented."""
+        documented = operation["security"]
+        scopes = documented[0]["token"] if documented else []
+        challenge = exchange["headers"].get("WWW-Authenticate", "")
+        asked = re.search(r'scope="([^"]*)"', challenge)
+        if exchange["status"] in (401, 403) and (not documented or not challenge.startswith("Bearer ")):
+            self.errors.add(f"{where}: refused, though everybody may, or without a challenge")
+        elif asked and [asked.group(1)] != scopes:
+            self.errors.add(f"{where}: asks for {asked.group(1)}, documented are {scopes}")
 
     def check_body(self, exchange, response, where):
         documented = response.get("content", {})

@@ -2,6 +2,8 @@
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/tcp.h>
+#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -9,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <vector>
 
 namespace cellmap::server {
 namespace {
@@ -58,6 +61,57 @@ TEST(Front, AnAnswerThatFailsHalfwayEndsItsConnectionAndNothingElse) {
   EXPECT_EQ(failures, 1);
   front.stop();
   thread.join();
+}
+
+TEST(Front, AnAnswerWaitsForNoAcknowledgement) {
+  std::vector<Listener> listeners;
+  listeners.emplace_back("127.0.0.1:0");
+  const int port = listeners.front().port();
+  std::atomic<int> no_delay = -1;
+  Front front(std::move(listeners), {},
+              {[](const RequestHead&) { return false; },
+               [&](Connection& connection, const RequestHead&) {
+                 int value = 0;
+                 socklen_t size = sizeof(value);
+                 ::getsockopt(connection.socket(), IPPROTO_TCP, TCP_NODELAY, &value, &size);
+                 no_delay = value;
+                 return false;
+               },
+               [](const std::exception&) {}});
+  std::thread thread([&] { front.run(); });
+  ask(port, "/");
+  EXPECT_EQ(no_delay, 1);
+  front.stop();
+  thread.join();
+}
+
+/// True where the connection is made within the patience, without anybody accepting it.
+bool is_made(int socket, const sockaddr_in& address) {
+  if (::connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) {
+    return true;
+  }
+  pollfd entry{socket, POLLOUT, 0};
+  int error = -1;
+  socklen_t size = sizeof(error);
+  return ::poll(&entry, 1, 10'000) == 1 &&
+         ::getsockopt(socket, SOL_SOCKET, SO_ERROR, &error, &size) == 0 && error == 0;
+}
+
+TEST(Front, AHundredConnectionsThatComeAtOnceAreHeldUntilTheyAreAccepted) {
+  const Listener listener("127.0.0.1:0");
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<std::uint16_t>(listener.port()));
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  std::vector<int> sockets;
+  for (int i = 0; i < 100; ++i) {
+    sockets.push_back(::socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK, 0));
+    if (!is_made(sockets.back(), address)) {
+      ADD_FAILURE() << "connection " << i;
+      break;
+    }
+  }
+  for (const int socket : sockets) ::close(socket);
 }
 
 }  // namespace

@@ -1,14 +1,5 @@
-#include "server/http_server.hpp"
-
-#include <arpa/inet.h>
-#include <netinet/in.h>
-#include <spdlog/sinks/null_sink.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
-
 #include "cellmap/core/error.hpp"
-#include "server/server_fixture.hpp"
+#include "server/http_fixture.hpp"
 
 // The front over loopback, spoken to byte by byte.
 
@@ -19,83 +10,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
 
-/// A connection to the server under test.
-class Client {
- public:
-  explicit Client(int port) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    const timeval patience{20, 0};
-    ::setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof(patience));
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(static_cast<std::uint16_t>(port));
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    connected_ = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
-  }
-  explicit Client(const std::string& path) : socket_(::socket(AF_UNIX, SOCK_STREAM, 0)) {
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    path.copy(address.sun_path, sizeof(address.sun_path) - 1);
-    connected_ = ::connect(socket_, reinterpret_cast<sockaddr*>(&address), sizeof(address)) == 0;
-  }
-  ~Client() { ::close(socket_); }
-  Client(const Client&) = delete;
-  Client& operator=(const Client&) = delete;
-
-  bool is_connected() const { return connected_; }
-
-  /// False where the server has closed.
-  bool send(const std::string& text) {
-    return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL) ==
-           static_cast<ssize_t>(text.size());
-  }
-
-  /// Reads until `text` was seen, `size` bytes came, the server closes or patience ends; returns
-  /// all of it.
-  std::string read_until(const std::string& text, std::size_t size = SIZE_MAX) {
-    std::string all;
-    char buffer[4096];
-    while (all.size() < size && all.find(text) == std::string::npos) {
-      const ssize_t received = ::recv(socket_, buffer, sizeof(buffer), 0);
-      if (received <= 0) break;
-      all.append(buffer, static_cast<std::size_t>(received));
-    }
-    return all;
-  }
-  std::string read_all() { return read_until("\x01never"); }
-
- private:
-  int socket_;
-  bool connected_;
-};
-
-class Http : public ApiTest {
- protected:
-  void serve(HttpServerOptions options = {}) {
-    const auto log =
-        std::make_shared<spdlog::logger>("test", std::make_shared<spdlog::sinks::null_sink_mt>());
-    server_ = std::make_unique<HttpServer>(*api_, log, options);
-    thread_ = std::thread([this] { server_->run(); });
-  }
-  ~Http() override {
-    if (!server_) return;
-    api_->stop();
-    server_->stop();
-    thread_.join();
-  }
-
-  std::string exchange(const std::string& request) {
-    Client client(server_->port());
-    client.send(request);
-    return client.read_all();
-  }
-  std::string get_and_close(const std::string& target, const std::string& headers = "") {
-    return exchange("GET " + target + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers +
-                    "\r\n");
-  }
-
-  std::unique_ptr<HttpServer> server_;
-  std::thread thread_;
-};
+using Http = HttpTest<ApiTest>;
 
 constexpr const char* kHealth = "GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n";
 
@@ -256,6 +171,37 @@ TEST_F(Http, SeveralRangesDoNotMultiplyTheAnswer) {
   const auto one = get_and_close("/v1/maps/town/cells/1", "Range: bytes=0-9\r\n");
   EXPECT_THAT(one, StartsWith("HTTP/1.1 206"));
   EXPECT_THAT(one, HasSubstr("Content-Length: 10\r\n"));
+}
+
+TEST_F(Http, WhatFailsInsideTellsNothingOfTheInside) {
+  const std::string inside = (folder_ / "no-such-spool").string();
+  ApiOptions broken = options();
+  broken.spool_folder = inside;
+  start(broken);
+  make_map();
+  serve();
+  // In the front, before the API is asked, and in a handler.
+  const auto put = exchange(
+      "PUT /v1/maps/new/archive HTTP/1.1\r\nHost: x\r\nConnection: close\r\n"
+      "Content-Type: application/vnd.cellmap.archive\r\nContent-Length: 1\r\n\r\nx");
+  for (const auto& answer : {put, get_and_close("/v1/maps/town/archive")}) {
+    EXPECT_THAT(answer, StartsWith("HTTP/1.1 500"));
+    EXPECT_THAT(answer, HasSubstr("application/problem+json"));
+    EXPECT_THAT(answer, Not(HasSubstr("spool")));
+    EXPECT_THAT(answer, Not(HasSubstr("EXCEPTION")));
+  }
+}
+
+TEST_F(Http, SixteenEventStreamsHoldUpNobody) {
+  serve();
+  make_map();
+  std::vector<std::unique_ptr<Client>> followers;
+  for (int i = 0; i < 20; ++i) {
+    followers.push_back(std::make_unique<Client>(server_->port()));
+    followers.back()->send("GET /v1/maps/town/events HTTP/1.1\r\nHost: x\r\n\r\n");
+    EXPECT_THAT(followers.back()->read_until("event: revision"), HasSubstr("text/event-stream"));
+  }
+  EXPECT_THAT(get_and_close("/healthz"), StartsWith("HTTP/1.1 200"));
 }
 
 TEST_F(Http, JsonIsNotCompressedByTheFront) {

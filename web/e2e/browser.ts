@@ -46,6 +46,12 @@ export class Browser {
     return page;
   }
 
+  /** The browser's processes, by their kind. */
+  async processes(): Promise<{ id: number; type: string }[]> {
+    const session = await this.context.browser()!.newBrowserCDPSession();
+    return (await session.send("SystemInfo.getProcessInfo")).processInfo;
+  }
+
   async close(): Promise<void> {
     await this.context.close();
     rmSync(this.profile, { recursive: true, force: true });

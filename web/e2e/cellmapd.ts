@@ -18,6 +18,14 @@ export class Town {
     run("build", drive, "--store", this.store, "--map", "town", "--session", "monday", "--lattice-size", "20000", "--json");
   }
 
+  /** Another drive along the same street, on another day: some cars are gone, others are there. */
+  secondDay(): void {
+    const drive = join(this.folder, "drive-2");
+    const run = (...args: string[]): void => void execFileSync(cellmap, args, { stdio: "pipe" });
+    run("simulate", "--route", "town", "--scans", "70", "--columns", "700", "--odometry", "truth", "--traffic-seed", "9", "--out", drive, "--json");
+    run("build", drive, "--store", this.store, "--map", "town", "--session", "tuesday", "--json");
+  }
+
   /** The map as one file. */
   archive(): string {
     const file = join(this.folder, "town.cellmap");

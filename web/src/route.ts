@@ -2,7 +2,7 @@ import type { Colouring } from "./scene/patchMaterial";
 import { COLOURS } from "./scene/patchMaterial";
 import type { View } from "./scene/stage";
 
-export const TABS = ["map", "graph", "locate", "jobs"] as const;
+export const TABS = ["map", "graph", "drive", "locate", "jobs", "compare"] as const;
 export type Tab = (typeof TABS)[number];
 
 /** What the address says: the part after `#`, so that a link brings back what was seen. */

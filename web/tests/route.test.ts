@@ -15,6 +15,10 @@ test("a link brings back what was seen", () => {
   expect(parseRoute(formatRoute(route))).toEqual(route);
 });
 
+test.each(["map", "graph", "drive", "locate", "jobs", "compare"])("the tab %s has a link", (tab) => {
+  expect(parseRoute(formatRoute({ ...parseRoute("#/town"), tab: tab as "map" })).tab).toBe(tab);
+});
+
 test("what is not understood is left at its default", () => {
   const route = parseRoute("#/town?tab=x&loop=-1&cell=1e9&colour=<b>&view=1,2,NaN,4,5,6");
   expect(route).toEqual({ map: "town", tab: "map", loop: null, cell: null, colouring: "normal", view: null });

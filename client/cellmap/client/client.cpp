@@ -122,6 +122,11 @@ void ClientOptions::validate() const {
     throw Error(ErrorCode::kInvalidArgument,
                 "compression_level must be 0 to 19, not " + std::to_string(compression_level));
   }
+  const auto is_printable = [](unsigned char c) { return c > ' ' && c < 0x7f; };
+  if (token.size() > 128 || !std::ranges::all_of(token, is_printable)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "a token has at most 128 printable characters and no spaces");
+  }
 }
 
 CellBatch Client::Impl::batch(const std::string& map, const Json& wanted) {

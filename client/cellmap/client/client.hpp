@@ -30,6 +30,8 @@ struct ClientOptions {
   std::uint64_t cache_max_bytes = 1ull << 30;
   int compression_level = 1;  ///< zstd level of uploaded scans and CELLs, 1 to 19; 0: uncompressed
   std::string user_agent = "cellmap-client";
+  /// Sent to `url` as a bearer token; empty: none. Over plain http everyone on the way can read it.
+  std::string token{};
 
   /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;

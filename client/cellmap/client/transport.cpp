@@ -41,6 +41,8 @@ bool never_reached_the_server(httplib::Error error) {
          error == httplib::Error::SSLConnection || error == httplib::Error::ConnectionTimeout;
 }
 
+std::string bearer(const ClientOptions& options) { return "Bearer " + options.token; }
+
 bool refused_unprocessed(int status) { return status == 503 || status == 429; }
 bool gateway_failed(int status) { return status == 502 || status == 504; }
 
@@ -89,6 +91,7 @@ Transport::Attempt Transport::attempt(const HttpRequest& request) {
   http.path = url_.path_prefix + request.path;
   for (const auto& [name, value] : request.headers) http.headers.emplace(name, value);
   http.headers.emplace("user-agent", options_.user_agent);
+  if (!options_.token.empty()) http.headers.emplace("authorization", bearer(options_));
   http.body = request.body;
   http.response_handler = [&](const httplib::Response& response) {
     attempt.response.status = response.status;
@@ -164,6 +167,7 @@ bool Transport::stream(const StreamRequest& request,
   bool accepted = false;
   std::exception_ptr failure;  // not through the HTTP library, which is not made for it
   httplib::Headers headers = {{"user-agent", options_.user_agent}};
+  if (!options_.token.empty()) headers.emplace("authorization", bearer(options_));
   for (const auto& [name, value] : request.headers) headers.emplace(name, value);
   ++traffic_.requests;
   const auto result = http->Get(

@@ -6,16 +6,17 @@
 #include <numbers>
 
 #include "cellmap/core/parallel.hpp"
-#include "cellmap/place/polar_image.hpp"
+#include "cellmap/place/along_street.hpp"
 #include "cellmap/registration/residuals.hpp"
 
 namespace cellmap {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-constexpr double kGridStepM = 2.0, kGridStepRad = 5.0 * kRadPerDeg;
 /// Places farther apart than this are not the same.
 constexpr double kSamePlaceM = 5.0;
+/// Nearer than this two answers are one.
+constexpr double kSamePoseM = 0.75;
 /// The most alike place is tried first, by itself, then more of them, then all: most queries are
 /// answered by the first.
 constexpr std::array<std::size_t, 3> kRounds = {1, 4, 12};
@@ -30,27 +31,12 @@ constexpr double kHopeless = 0.33;
 constexpr std::size_t kRefined = 2;
 /// Less confidence than this is not worth the time to ask around.
 constexpr double kWorthAsking = 0.02;
+/// Where the CELLs around agree this much, no other pose along the street has done so.
+constexpr double kNoDoubtAround = 0.95;
+/// Another pose along the street may confirm so much less of its CELL and be looked at closely.
+constexpr double kRivalMargin = 0.15;
 /// From this place on, fewer starts are tried, and fewer go on.
 constexpr std::size_t kLessLikely = 4, kStartsThere = 3, kSearchedThere = 1;
-
-/// Some of the points, evenly taken: three quarters of them upright structure where there is
-/// enough.
-PointCloud mostly_upright(const PointCloud& upright, const PointCloud& ground, std::size_t count) {
-  PointCloud some = thinned(upright, count / 2);
-  some.append(thinned(ground, count > some.size() ? count - some.size() : 1));
-  return some;
-}
-
-/// Upright surfaces of a query that knows its normals.
-UprightSurfaces surfaces_of(const RelocalisationQuery& query, const Eigen::Vector3d& up) {
-  UprightSurfaces surfaces;
-  for (std::size_t i = 0; i < query.normals.size(); ++i) {
-    if (std::abs(up.dot(query.normals[i].cast<double>())) >= 0.7) continue;
-    surfaces.points.push_back(query.points[i]);
-    surfaces.normals.push_back(query.normals[i]);
-  }
-  return surfaces;
-}
 
 ResidualHistogram residuals_of(const RegistrationTarget& target, const PointCloud& points,
                                const Pose& T_cell_query) {
@@ -153,12 +139,17 @@ class Trials {
            angle_between_rad(T_a, T_b) < 0.03;
   }
 
+  RegistrationOptions unjudged(std::vector<RegistrationStage> stages) const {
+    RegistrationOptions registration = staged(options_, std::move(stages));
+    registration.judge = false;
+    return registration;
+  }
+
   /// Registers a few hundred points from every start at some of the places; best first.
   std::vector<Attempt> screen(std::size_t begin, std::size_t end) const {
     std::vector<std::vector<Attempt>> of_place(end - begin);
-    RegistrationOptions registration = staged(
-        options_, {{10, 3.0, RobustKernel::kCauchy, 0.6}, {5, 1.0, RobustKernel::kCauchy, 0.3}});
-    registration.judge = false;
+    const RegistrationOptions registration =
+        unjudged({{10, 3.0, RobustKernel::kCauchy, 0.6}, {5, 1.0, RobustKernel::kCauchy, 0.3}});
     parallel_for(of_place.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
       const std::size_t p = begin + i;
       const RegistrationTarget& target = *places_[p].target;
@@ -208,11 +199,9 @@ class Trials {
 
   /// Registers a few thousand points from where the best attempts have come.
   void search(std::vector<Attempt> attempts) {
-    RegistrationOptions registration =
-        staged(options_, {{6, 2.0, RobustKernel::kCauchy, 0.5},
-                          {4, 1.0, RobustKernel::kCauchy, 0.2},
-                          {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
-    registration.judge = false;
+    const RegistrationOptions registration = unjudged({{6, 2.0, RobustKernel::kCauchy, 0.5},
+                                                       {4, 1.0, RobustKernel::kCauchy, 0.2},
+                                                       {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
     parallel_for(attempts.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
       Attempt& attempt = attempts[i];
       const RegistrationTarget& target = *places_[attempt.place].target;
@@ -221,18 +210,20 @@ class Trials {
       attempt.quick = quick_tight_ratio(target, query_.scored, attempt.result.T_target_source);
     });
     std::erase_if(attempts, [&](const Attempt& a) { return !allowed(a); });
-    for (const Attempt& attempt : attempts) {
-      Tried tried;
-      tried.place = attempt.place;
-      tried.quick = attempt.quick;
-      tried.candidate.cell = places_[attempt.place].cell;
-      tried.candidate.similarity = places_[attempt.place].merit;
-      tried.candidate.registration = attempt.result;
-      tried.candidate.T_cell_scan = attempt.result.T_target_source;
-      tried.candidate.T_map_scan = in_map(attempt);
-      tried_.push_back(tried);
-    }
+    for (const Attempt& attempt : attempts) tried_.push_back(tried_from(attempt));
     std::stable_sort(tried_.begin(), tried_.end(), better);
+  }
+
+  Tried tried_from(const Attempt& attempt) const {
+    Tried tried;
+    tried.place = attempt.place;
+    tried.quick = attempt.quick;
+    tried.candidate.cell = places_[attempt.place].cell;
+    tried.candidate.similarity = places_[attempt.place].merit;
+    tried.candidate.registration = attempt.result;
+    tried.candidate.T_cell_scan = attempt.result.T_target_source;
+    tried.candidate.T_map_scan = in_map(attempt);
+    return tried;
   }
 
   /// Registers many points and says how far the pose is to be believed.
@@ -266,13 +257,54 @@ class Trials {
         open.push_back(&tried);
       }
     }
+    std::vector<Tried> rivals;
     for (Tried* tried : open) {
-      refine(*tried);
-      ask_around(*tried);
-      tried->believed = is_believed(tried->candidate, options_.min_confidence);
+      judge(*tried);
+      if (tried->believed) {
+        const std::vector<Tried> there = look_along_street(*tried);
+        rivals.insert(rivals.end(), there.begin(), there.end());
+      }
       if (is_believed(tried->candidate, kCertain)) break;
     }
+    tried_.insert(tried_.end(), rivals.begin(), rivals.end());
     std::stable_sort(tried_.begin(), tried_.end(), better);
+  }
+
+  void judge(Tried& tried) const {
+    refine(tried);
+    ask_around(tried);
+    tried.believed = is_believed(tried.candidate, options_.min_confidence);
+  }
+
+  /// Other poses along the street, judged as the believed one was.
+  std::vector<Tried> look_along_street(const Tried& believed) const {
+    const RelocalisationCandidate& known = believed.candidate;
+    if (agreement(known.surroundings) >= kNoDoubtAround) return {};
+    const RegistrationTarget& target = *places_[believed.place].target;
+    const RegistrationOptions registration = unjudged(
+        {{6, 0.5, RobustKernel::kCauchy, 0.2}, {6, 0.5, RobustKernel::kGemanMcClure, 0.1}});
+    std::vector<Tried> rivals;
+    for (const Pose& start :
+         starts_along_street(around_(known.cell, known.T_map_scan), query_.screen,
+                             known.T_cell_scan, known.registration.information)) {
+      Attempt attempt{believed.place, register_scan(target, query_.search, start, registration)};
+      if (!is_other(attempt, believed, rivals) || !allowed(attempt)) continue;
+      attempt.quick = quick_tight_ratio(target, query_.scored, attempt.result.T_target_source);
+      if (attempt.quick >= believed.quick - kRivalMargin) rivals.push_back(tried_from(attempt));
+    }
+    for (Tried& rival : rivals) judge(rival);
+    return rivals;
+  }
+
+  /// Neither the believed pose nor a rival again.
+  bool is_other(const Attempt& attempt, const Tried& believed,
+                const std::vector<Tried>& rivals) const {
+    constexpr double kAgainM = 0.3;
+    const Eigen::Vector3d at = in_map(attempt).translation();
+    const auto is_there = [&](const Tried& t) {
+      return (t.candidate.T_map_scan.translation() - at).norm() < kAgainM;
+    };
+    return !is_there(believed) && std::none_of(rivals.begin(), rivals.end(), is_there);
   }
 
   /// What the CELLs around the answer say of it.
@@ -300,6 +332,7 @@ class Trials {
   std::vector<RelocalisationCandidate> decide() {
     std::vector<RelocalisationCandidate> candidates;
     if (tried_.empty()) return candidates;
+    choose_among_rivals();
     compare_best();
     RelocalisationCandidate& best = tried_.front().candidate;
     // A prior says where to look; what is nowhere alike there was tried all the same.
@@ -308,6 +341,29 @@ class Trials {
     best.accepted = is_certain() || (is_believed(best, options_.min_confidence) && looks_alike);
     for (Tried& tried : tried_) candidates.push_back(std::move(tried.candidate));
     return candidates;
+  }
+
+  /// Of believed poses of one place, the CELLs around choose; and what they think of the others,
+  /// here and anywhere, is doubt in the chosen one.
+  void choose_among_rivals() {
+    const auto by_those_around = [&](const Tried& a, const Tried& b) {
+      return agreement(a.candidate.surroundings) < agreement(b.candidate.surroundings);
+    };
+    const RelocalisationCandidate first = tried_.front().candidate;
+    const auto others = std::stable_partition(tried_.begin(), tried_.end(), [&](const Tried& t) {
+      return t.believed && t.candidate.surroundings.cells >= kFewestAround &&
+             distance_m(t.candidate, first) < kSamePlaceM;
+    });
+    if (others == tried_.begin()) return;
+    std::iter_swap(tried_.begin(), std::max_element(tried_.begin(), others, by_those_around));
+    Tried& best = tried_.front();
+    double rivals = 0;
+    for (const Tried& other : tried_) {
+      if (distance_m(other.candidate, best.candidate) < kSamePoseM) continue;
+      rivals += odds_against(best.candidate.surroundings, other.candidate.surroundings);
+    }
+    best.candidate.confidence /= 1 + rivals;
+    best.believed = is_believed(best.candidate, options_.min_confidence);
   }
 
   /// What the other places say of the best one.
@@ -335,61 +391,6 @@ class Trials {
 };
 
 }  // namespace
-
-QueryPoints::QueryPoints(const RelocalisationQuery& query, const DescribedQuery& described,
-                         const RelocaliseOptions& options)
-    : scored(thinned(query.points, options.refine_points)),
-      T_ground_query(described.ground().T_ground_sensor),
-      is_narrow(described.is_narrow()) {
-  const GroundFrame& ground = described.ground();
-  constexpr double kUprightM = 0.5;
-  PointCloud upright, level;
-  const Eigen::Vector3d up = ground.T_ground_sensor.linear().row(2);
-  const double height = ground.T_ground_sensor.translation().z();
-  // No more than what the finest of the selections can use.
-  const PointCloud some = thinned(query.points, 4 * options.refine_points);
-  for (std::size_t i = 0; i < some.size(); ++i) {
-    const Eigen::Vector3f p = some[i];
-    (up.dot(p.cast<double>()) + height > kUprightM ? upright : level).push_back(p);
-  }
-  screen = mostly_upright(upright, level, options.screen_points);
-  search = mostly_upright(upright, level, options.search_points);
-  refine = mostly_upright(upright, level, options.refine_points / 2);
-  surfaces = surfaces_of(query, up);
-}
-
-LocalPrior::LocalPrior(const PosePrior& prior, const Pose& T_map_cell)
-    : prior_(prior), T_cell_query_(T_map_cell.inverse() * prior.T_map_scan) {}
-
-bool LocalPrior::allows(const Pose& T_cell_query, double margin_m, double margin_rad) const {
-  const Eigen::Vector2d apart =
-      (T_cell_query.translation() - T_cell_query_.translation()).head<2>();
-  const double turn = yaw_of(T_cell_query_.inverse() * T_cell_query);
-  return apart.norm() <= prior_.radius_m + margin_m &&
-         std::abs(turn) <= prior_.yaw_range_rad + margin_rad;
-}
-
-std::vector<Pose> LocalPrior::grid(const Pose& T_cell_ground, const Pose& T_ground_query) const {
-  const int turns =
-      static_cast<int>(std::ceil(std::min(prior_.yaw_range_rad, std::numbers::pi) / kGridStepRad));
-  const int steps =
-      static_cast<int>(std::ceil(std::min(prior_.radius_m, kCellReachM) / kGridStepM));
-  std::vector<Pose> poses;
-  for (int i = -steps; i <= steps; ++i) {
-    for (int j = -steps; j <= steps; ++j) {
-      const double x = T_cell_query_.translation().x() + i * kGridStepM;
-      const double y = T_cell_query_.translation().y() + j * kGridStepM;
-      if (std::hypot(x, y) > kCellReachM) continue;
-      for (int k = -turns; k <= turns; ++k) {
-        const Pose pose = T_cell_ground *
-                          upright_pose(x, y, yaw_of(T_cell_query_) + k * kGridStepRad) *
-                          T_ground_query;
-        if (allows(pose, 0.0, kGridStepRad)) poses.push_back(pose);
-      }
-    }
-  }
-  return poses;
-}
 
 std::vector<RelocalisationCandidate> try_places(const std::vector<PlaceToTry>& places,
                                                 const QueryPoints& query,

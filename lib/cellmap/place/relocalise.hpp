@@ -121,11 +121,11 @@ class PlaceIndex {
   /// Likeness of what both show from above, from 25 points around the scan, orders the places;
   /// registration on few points orders them anew, and the best are registered with many and
   /// accepted only where the scores agree and the CELLs around confirm them. The most alike places
-  /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it are tried, from a
-  /// grid of poses over all that it allows too, and no answer lies outside it. A scan that looks
-  /// along the horizontal within a few degrees is expected. `scan` in its sensor frame, `graph`
-  /// gives the current poses of the CELLs in the index, `targets` loads the few that are registered
-  /// to and the six nearest to each answer.
+  /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it
+  /// are tried, from a grid of poses over all that it allows too, and no answer lies outside it. A
+  /// scan that looks along the horizontal within a few degrees is expected. `scan` in its sensor
+  /// frame, `graph` gives the current poses of the CELLs in the index, `targets` loads the few that
+  /// are registered to and the six nearest to each answer.
   RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
                                   const TargetProvider& targets,
                                   const std::optional<PosePrior>& prior,

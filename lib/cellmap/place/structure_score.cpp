@@ -191,6 +191,11 @@ double confidence_of(const StructureScores& scores, const SurroundingsScores& su
   return probability(own + around);
 }
 
+double odds_against(const SurroundingsScores& pose, const SurroundingsScores& other) {
+  if (other.cells < kFewestAround) return 0.0;
+  return std::exp(kOddsOfAround * (agreement(other) - agreement(pose)));
+}
+
 AcceptanceOptions searched_place_acceptance() {
   AcceptanceOptions options;
   options.min_inlier_ratio_hit = 0.5;

@@ -114,6 +114,9 @@ double confidence_of(const StructureScores& scores, double weakest_share);
 /// `kFewestAround` CELLs, the CELL's own confidence.
 double confidence_of(const StructureScores& scores, const SurroundingsScores& surroundings,
                      double weakest_share);
+/// The odds of another pose against a pose, by the CELLs around each; 0 where the other was asked
+/// of fewer than `kFewestAround`.
+double odds_against(const SurroundingsScores& pose, const SurroundingsScores& other);
 
 /// What the registration at such a place must reach beside it: little. A fifth of a scan may lie on
 /// people and cars that the CELL does not know; the confidence knows them from walls.

@@ -99,3 +99,41 @@ export interface Job {
   eta_s: number | null;
   error: { code: string; message: string } | null;
 }
+
+type Figure = number | null;
+
+export interface ComparisonRow {
+  name: string;
+  measured: boolean;
+  note?: string;
+  f_score: Record<"0.05" | "0.1" | "0.2", Figure>;
+  bytes: Figure;
+  bytes_per_m: Figure;
+  accuracy_m: Figure;
+  completeness_m: Figure;
+  registration_error_m: Figure;
+  registration_turn_deg: Figure;
+}
+
+export interface Comparison {
+  dataset: string;
+  scans: number;
+  held_back: number;
+  length_m: number;
+  rows: ComparisonRow[];
+}
+
+export interface ChangeRegion {
+  change: "vanished" | "appeared";
+  centroid: Vector3;
+  patches: number;
+  area_m2: number;
+}
+
+export interface SessionDiff {
+  revision: number;
+  sessions: [string, string];
+  pairs: number;
+  regions: ChangeRegion[];
+  cells: { id: number; session: string; vanished: number; appeared: number; changed: number[] }[];
+}

@@ -1,6 +1,8 @@
 import { type Changes, readChanges } from "../format/changes";
 import { type PoseGraph, readPoseGraph } from "../format/poseGraph";
-import type { CellSummary, Job, LoopExplanation, MapSummary, Relocalisation, Session } from "./documents";
+import type { CellSummary, Comparison, Job, LoopExplanation, MapSummary, Relocalisation, Session, SessionDiff } from "./documents";
+import { followEvents } from "./eventStream";
+import { authorisation } from "./token";
 
 /** What the server answered instead of what was asked for; status 0: it did not answer. */
 export class ServerError extends Error {
@@ -17,7 +19,7 @@ export class ServerError extends Error {
 async function ask(path: string, init?: RequestInit): Promise<Response> {
   let response: Response;
   try {
-    response = await fetch(path, init);
+    response = await fetch(path, { ...init, headers: { ...init?.headers, ...authorisation(path) } });
   } catch (error) {
     if ((error as Error).name === "AbortError") throw error;
     throw new ServerError(0, "unavailable", "The server does not answer. Is cellmapd still running?");
@@ -51,9 +53,9 @@ export class MapApi {
     this.base = `v1/maps/${encodeURIComponent(name)}`;
   }
 
-  /** Where its CELLs are fetched, several in one answer. */
-  get batchUrl(): string {
-    return new URL(`${this.base}/cells:batch`, location.href).href;
+  /** Where its CELLs are fetched: one below it by its number, several with `:batch` behind it. */
+  get cellsUrl(): string {
+    return new URL(`${this.base}/cells`, location.href).href;
   }
 
   summary(): Promise<MapSummary> {
@@ -83,6 +85,26 @@ export class MapApi {
 
   async changes(since: bigint): Promise<Changes> {
     return readChanges(await bytes(`${this.base}/changes?since=${since}`, "application/vnd.cellmap.changes"));
+  }
+
+  /** What `cellmap compare` measured for this map; null where nobody put it. */
+  async comparison(): Promise<Comparison | null> {
+    try {
+      return await json<Comparison>(`${this.base}/comparison`);
+    } catch (error) {
+      if (error instanceof ServerError && error.status === 404) return null;
+      throw error;
+    }
+  }
+
+  /** One line a scan: stamp and pose (TUM). */
+  async trajectory(session: string, stage: "odometry" | "corrected"): Promise<string> {
+    const query = new URLSearchParams({ session, stage, format: "tum" });
+    return (await ask(`${this.base}/trajectory?${query}`, { headers: { Accept: "text/plain" } })).text();
+  }
+
+  diff(earlier: string, later: string): Promise<SessionDiff> {
+    return json(`${this.base}/diff?sessions=${encodeURIComponent(earlier)},${encodeURIComponent(later)}&patches=true`);
   }
 
   loop(id: number): Promise<LoopExplanation> {
@@ -115,23 +137,26 @@ export class MapApi {
 
   /** Calls `onRevision` for each new revision until the answer is called; `onState` says whether the stream is up. */
   follow(onRevision: (revision: bigint) => void, onState: (connected: boolean) => void): () => void {
-    const source = new EventSource(`${this.base}/events`);
-    source.addEventListener("open", () => onState(true));
-    source.addEventListener("error", () => onState(false));
-    source.addEventListener("revision", (event) => onRevision(BigInt((JSON.parse(event.data) as { revision: number }).revision)));
-    source.addEventListener("end", () => onState(false));
-    return () => source.close();
+    return followEvents(
+      `${this.base}/events`,
+      ({ name, data }) => {
+        if (name === "revision") onRevision(BigInt((JSON.parse(data) as { revision: number }).revision));
+        if (name === "end") onState(false);
+        return true;
+      },
+      onState,
+    );
   }
 
   /** Calls `onProgress` for each state of a job until it ends or the answer is called. */
   followJob(id: number, onProgress: (job: Job) => void): () => void {
-    const source = new EventSource(`v1/jobs/${id}/events`);
-    const read = (event: MessageEvent<string>): void => onProgress(JSON.parse(event.data) as Job);
-    source.addEventListener("progress", read);
-    source.addEventListener("end", (event) => {
-      source.close();
-      read(event as MessageEvent<string>);
-    });
-    return () => source.close();
+    return followEvents(
+      `v1/jobs/${id}/events`,
+      ({ name, data }) => {
+        onProgress(JSON.parse(data) as Job);
+        return name !== "end";
+      },
+      () => undefined,
+    );
   }
 }

@@ -1,3 +1,4 @@
+import { authorisation } from "../api/token";
 import { corrupt } from "./error";
 
 /** Bytes that are read in pieces: a file, or a resource of any web server that answers Range requests. */
@@ -51,7 +52,7 @@ export class HttpSource implements ByteSource {
 
   async read(offset: number, length: number): Promise<Uint8Array> {
     if (this.whole) return this.whole.subarray(offset, offset + length);
-    const headers: Record<string, string> = { Range: `bytes=${offset}-${offset + length - 1}` };
+    const headers: Record<string, string> = { Range: `bytes=${offset}-${offset + length - 1}`, ...authorisation(this.url) };
     // A weak tag never matches If-Match (RFC 9110, 13.1.1).
     if (this.etag && !this.etag.startsWith("W/")) headers["If-Match"] = this.etag;
     const response = await fetch(this.url, { headers, cache: "no-store" }).catch(() => {

@@ -58,8 +58,8 @@ async function checkCoarseHash(file: Uint8Array, wire: WireCodedCell, end: numbe
   if (hexText(await sha256(beginning)) !== hashText(wire.coarseHash()!)) corrupt("The coarse layer is not what its hash says.");
 }
 
-/** Decodes both layers, each in the order of its index, and puts the planes in the order of theirs. */
-function readPlanes(wire: WireCodedCell, lattice: Lattice): { indices: Uint32Array; planes: Float32Array } {
+/** Decodes so many layers, each in the order of its index, and puts the planes in the order of theirs. */
+function readPlanes(wire: WireCodedCell, lattice: Lattice, layers: 1 | 2): { indices: Uint32Array; planes: Float32Array } {
   const [total, coarse] = [wire.planeCount(), wire.coarsePlaneCount()];
   const data = wire.dataArray() ?? new Uint8Array();
   const known = new KnownPlanes(lattice.count);
@@ -67,14 +67,15 @@ function readPlanes(wire: WireCodedCell, lattice: Lattice): { indices: Uint32Arr
   const planes = new Float32Array(4 * lattice.count);
   const compact = wire.encoding() === 2;
   const bytes = [data.subarray(0, wire.coarseBytes()), data.subarray(wire.coarseBytes())];
-  bytes.forEach((part, i) => {
+  bytes.slice(0, layers).forEach((part, i) => {
     const layer = new Layer(lattice, i as 0 | 1, present);
     const count = i === 0 ? coarse : total - coarse;
     if (compact) readCompactPlanes(part, layer, count, wire.boundUm(), firstProbabilities(i), known, planes);
     else readPackedPlanes(part, layer, count, known, planes);
   });
-  const indices = new Uint32Array(total);
-  const inOrder = new Float32Array(4 * total);
+  const read = layers === 1 ? coarse : total;
+  const indices = new Uint32Array(read);
+  const inOrder = new Float32Array(4 * read);
   let k = 0;
   for (let index = 0; index < lattice.count; ++index) {
     if (!present[index]) continue;
@@ -88,8 +89,22 @@ function readPlanes(wire: WireCodedCell, lattice: Lattice): { indices: Uint32Arr
 export async function readCodedCell(bytes: Uint8Array, lattices: Lattices): Promise<CodedCell> {
   const buffer = verifiedBuffer(bytes, CODED_CELL);
   const wire = WireCodedCell.getRootAsCodedCell(buffer);
-  const file = buffer.bytes();
-  const hash = await checkContentHash(file, wire.contentHash()!, "coded CELL");
+  return readLayers(wire, buffer.bytes(), await checkContentHash(buffer.bytes(), wire.contentHash()!, "coded CELL"), lattices, 2);
+}
+
+/** The coarse layer, a quarter of the planes, of the first bytes of a coded CELL of `fileBytes` bytes. Throws FormatError. */
+export async function readCoarseCell(beginning: Uint8Array, fileBytes: number, lattices: Lattices): Promise<CodedCell> {
+  if (!(beginning.length <= fileBytes && fileBytes <= MAX_CELL_BYTES)) corrupt(`${beginning.length} bytes are no beginning of ${fileBytes}.`);
+  const padded = new Uint8Array(fileBytes);
+  padded.set(beginning);
+  const buffer = verifiedBuffer(padded, CODED_CELL);
+  const wire = WireCodedCell.getRootAsCodedCell(buffer);
+  const end = (wire.dataArray()?.byteOffset ?? 0) + wire.coarseBytes();
+  if (end > beginning.length) corrupt("The coarse layer of the coded CELL was cut off.");
+  return readLayers(wire, buffer.bytes(), hashText(wire.contentHash()!), lattices, 1);
+}
+
+async function readLayers(wire: WireCodedCell, file: Uint8Array, hash: string, lattices: Lattices, layers: 1 | 2): Promise<CodedCell> {
   const encoding = wire.encoding();
   if (encoding !== 1 && encoding !== 2) unsupported(`Encoding ${encoding} of a coded CELL is not known.`);
   const bound = wire.boundUm();
@@ -103,7 +118,7 @@ export async function readCodedCell(bytes: Uint8Array, lattices: Lattices): Prom
   const dataEnd = (wire.dataArray()?.byteOffset ?? 0) + wire.dataLength();
   if (wire.dataLength() > 0 && file.length - dataEnd > 7) corrupt("The coded CELL's data is not the last of the file.");
   if (wire.dataLength() > 0) await checkCoarseHash(file, wire, dataEnd - wire.dataLength() + wire.coarseBytes());
-  const { indices, planes } = readPlanes(wire, lattice);
+  const { indices, planes } = readPlanes(wire, lattice, layers);
   checkPlanes(indices, planes, lattice);
   return {
     hash,

@@ -1,5 +1,6 @@
 import type { MapSummary, Session } from "../api/documents";
 import { MapApi } from "../api/server";
+import { authorisation } from "../api/token";
 import { Archive } from "../format/archive";
 import { type ByteSource, SourceChanged } from "../format/byteSource";
 import { positionOf, matrixOfPose } from "../scene/poses";
@@ -18,7 +19,7 @@ export interface OpenedMap {
 export async function openServerMap(name: string): Promise<OpenedMap> {
   const api = new MapApi(name);
   const [summary, sessions, cells, graph] = await Promise.all([api.summary(), api.sessions(), api.cells(), api.poseGraph()]);
-  return { api, summary, sessions, model: MapModel.of(cells, graph), source: async (ids) => ({ url: api.batchUrl, ids }) };
+  return { api, summary, sessions, model: MapModel.of(cells, graph), source: async (asked) => ({ url: api.cellsUrl, asked, headers: authorisation(api.cellsUrl) }) };
 }
 
 /** Begins anew, once, where the archive was replaced between two reads. */
@@ -63,7 +64,7 @@ function openedArchive(archive: Archive): OpenedMap {
     const aligned = !drive.some(({ id }) => model.unaligned.has(id));
     return { name, robot, sensor, started: null, cells: drive.length, planes: sum((c) => c.planes), encoded_bytes: sum((c) => c.bytes), aligned };
   });
-  return { api: null, summary, sessions, model, source: (ids) => readRecords(archive, ids) };
+  return { api: null, summary, sessions, model, source: (asked) => readRecords(archive, asked.map(({ id }) => id)) };
 }
 
 /** CELLs that cannot be read come with the reason instead of bytes. */

@@ -1,6 +1,8 @@
 import { facts, h, replace, swatch } from "../dom";
 import { bytes, count, large } from "../text";
 import { cellBox } from "./cellBox";
+import { changeBox } from "./changeBox";
+import { revisionBox } from "./revisionBox";
 import type { Layers, MapContext, Panel } from "./panel";
 
 const LAYER_NAMES: [keyof Layers, string][] = [
@@ -17,11 +19,13 @@ export class MapPanel implements Panel {
   private readonly cell = h("div");
   private readonly figures = h("div");
   private readonly sessions = h("div");
+  private readonly changes: Panel;
   private shownCell: number | null = null;
 
   constructor(private readonly context: MapContext) {
-    const past = context.api && context.scene && context.model.revision > 1n ? this.revisionSlider() : "";
-    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks(), past);
+    const past = context.api && context.scene && context.model.revision > 1n ? revisionBox(context) : "";
+    this.changes = changeBox(context);
+    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks(), this.changes.element, past);
     this.update();
   }
 
@@ -45,6 +49,7 @@ export class MapPanel implements Panel {
       ),
     );
     replace(this.sessions, this.sessionList());
+    this.changes.update();
   }
 
   private sessionList(): HTMLElement {
@@ -67,30 +72,6 @@ export class MapPanel implements Panel {
         ),
       ),
     );
-  }
-
-  /** Before and after a loop closure, and how the map grew. */
-  private revisionSlider(): HTMLElement {
-    const newest = (): number => Number(this.context.model.revision);
-    const slider = h("input", { type: "range", min: 1, max: newest(), value: newest(), "aria-label": "Revision that is shown" });
-    const label = h("p", { class: "note" }, "The map as it is. Drag to see it as it was.");
-    let asked: ReturnType<typeof setTimeout>;
-    const show = async (): Promise<void> => {
-      const revision = Number(slider.value);
-      const past = revision < newest() ? revision : null;
-      try {
-        await this.context.showRevision(past);
-        label.textContent = past === null ? "The map as it is. Drag to see it as it was." : `The map as it was at revision ${past}.`;
-      } catch (error) {
-        label.textContent = (error as Error).message;
-      }
-    };
-    slider.addEventListener("input", () => {
-      slider.max = String(newest());
-      clearTimeout(asked);
-      asked = setTimeout(() => void show(), 60);
-    });
-    return h("section", {}, h("h3", {}, "Revisions"), slider, label);
   }
 
   private goTo(session: string): void {

@@ -2,6 +2,8 @@ import type { MapSummary, Session } from "../api/documents";
 import type { MapApi } from "../api/server";
 import type { MapModel } from "../model/mapModel";
 import type { SessionColours } from "../model/sessionColours";
+import type { CellChange } from "../scene/patchLayer";
+import type { Colouring } from "../scene/patchMaterial";
 
 /** What the panels beside the canvas share: the map as it stands, and what they may ask of the view. */
 export interface MapContext {
@@ -17,6 +19,7 @@ export interface MapContext {
   scene: SceneActions | null;
   select(selection: { loop?: number | null; cell?: number | null }): void;
   setLayers(layers: Layers): void;
+  setColouring(colouring: Colouring): void;
   /** Shows the map as it was at a revision; null: as it is. */
   showRevision(revision: number | null): Promise<void>;
 }
@@ -32,6 +35,8 @@ export interface Layers {
 /** What panels ask of the 3D view. */
 export interface SceneActions {
   lookAtCell(id: number): void;
+  lookAt(point: [number, number, number]): void;
+  showChanges(changes: Map<number, CellChange>): void;
   showSphere(id: number | null, morph: number): void;
   showScan(points: Float32Array | null, pose: import("three").Matrix4 | null, found: boolean): void;
 }
@@ -39,6 +44,8 @@ export interface SceneActions {
 /** A tab's content; `update` is called when the map or the selection changed. */
 export interface Panel {
   readonly element: HTMLElement;
+  /** What is too wide for the side: lies over the 3D view while the tab is shown. */
+  readonly sheet?: HTMLElement;
   update(): void;
   dispose?(): void;
 }

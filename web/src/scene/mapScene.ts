@@ -7,7 +7,7 @@ import type { Layers, SceneActions } from "../panels/panel";
 import { themeColour } from "../theme";
 import { GraphLayer, type Picked } from "./graphLayer";
 import { groundGrid } from "./ground";
-import { PatchLayer } from "./patchLayer";
+import { type CellChange, PatchLayer } from "./patchLayer";
 import type { Colouring } from "./patchMaterial";
 import { interpolated, positionOf } from "./poses";
 import { ScanLayer } from "./scanLayer";
@@ -21,6 +21,8 @@ export interface MapSceneOptions {
   colours: SessionColours;
   /** Patches drawn at a time; undefined: by what the machine manages. */
   budget: number | undefined;
+  /** Whether CELLs travel coded. */
+  coded: boolean;
   onPick: (picked: Picked | null) => void;
   onState: (state: StreamerState) => void;
 }
@@ -43,6 +45,7 @@ export class MapScene implements SceneActions {
   private model: MapModel | null = null;
   private closeUp: number | null = null;
   private layers: Layers | null = null;
+  private readonly marks = new Set<string>();
 
   constructor(
     canvas: HTMLCanvasElement,
@@ -52,7 +55,7 @@ export class MapScene implements SceneActions {
     this.patches = new PatchLayer(options.colours.of);
     this.graph = new GraphLayer(this.stage, options.colours.of);
     const budget = options.budget ?? (this.stage.drawsInSoftware ? SOFTWARE_BUDGET : HARDWARE_BUDGET);
-    this.streamer = new Streamer(this.stage, this.patches, options.source, { budget, memory: MEMORY_BYTES }, () => this.changed());
+    this.streamer = new Streamer(this.stage, this.patches, options.source, { budget, memory: MEMORY_BYTES, coded: options.coded }, () => this.changed());
     this.stage.scene.add(this.patches.group, this.graph.group, this.scan.group, this.sphere.group);
     this.listenToClicks(canvas);
     this.applyTheme();
@@ -64,6 +67,8 @@ export class MapScene implements SceneActions {
     this.streamer.setCells([...model.cells.values()]);
     const heights = [...model.cells.values()].map(({ pose }) => positionOf(pose).z).sort((a, b) => a - b);
     if (heights.length > 0) this.patches.setHeights(heights[0]! - 2.5, heights.at(-1)! + 9);
+    const ids = [...model.cells.keys()].sort((a, b) => a - b);
+    this.patches.setAges(new Map(ids.map((id, i) => [id, i / Math.max(1, ids.length - 1)])));
     this.drawGrid();
     if (before.size === 0) return this.graph.update(model);
     this.stage.animate(900, (t) => {
@@ -107,6 +112,15 @@ export class MapScene implements SceneActions {
     const span = Math.max(40, bounds.max.x - bounds.min.x, (bounds.max.y - bounds.min.y) * this.stage.camera.aspect) + 24;
     const distance = span / (2 * Math.tan((this.stage.camera.fov * Math.PI) / 360) * this.stage.camera.aspect);
     return { eye: [target.x, target.y - 0.55 * distance, target.z + 0.9 * distance], target: target.toArray() };
+  }
+
+  showChanges(changes: Map<number, CellChange>): void {
+    this.patches.setChanges(changes);
+    this.stage.requestFrame();
+  }
+
+  lookAt([x, y, z]: [number, number, number]): void {
+    this.stage.flyTo({ eye: [x - 14, y - 20, z + 24], target: [x, y, z] });
   }
 
   lookAtCell(id: number): void {
@@ -170,8 +184,20 @@ export class MapScene implements SceneActions {
     this.stage.dispose();
   }
 
+  /** For measurements: when half of the CELLs in sight were drawn, and when all were. */
+  private markProgress({ loaded, wanted }: StreamerState): void {
+    const reached = [wanted > 0 && loaded >= wanted / 2 && "cellmap-picture", wanted > 0 && loaded === wanted && "cellmap-complete"];
+    for (const name of reached) {
+      if (!name || this.marks.has(name)) continue;
+      this.marks.add(name);
+      // The frame after next: by then the one that draws them is on the screen.
+      requestAnimationFrame(() => requestAnimationFrame(() => performance.mark(name)));
+    }
+  }
+
   private changed(): void {
     this.adaptBudget();
+    this.markProgress(this.streamer.state);
     if (this.closeUp !== null && !this.sphere.group.visible) this.showRays();
     this.options.onState(this.streamer.state);
   }

@@ -19,6 +19,13 @@ const SIDES = 6;
 /** A hexagon of the same area as the disc of radius 1. */
 const CORNER = Math.sqrt((2 * Math.PI) / (SIDES * Math.sin((2 * Math.PI) / SIDES)));
 
+/** What became of a CELL's patches between two sessions: the lattice points that changed, and how. */
+export interface CellChange {
+  lost: boolean;
+  changed: number[];
+}
+const [VANISHED, APPEARED] = [1, 2];
+
 interface DrawnCell {
   mesh: Mesh<InstancedBufferGeometry, ShaderMaterial>;
   patches: PatchLayout;
@@ -39,6 +46,8 @@ export class PatchLayer {
   private readonly fan: BufferAttribute;
   private closeUp: number | null = null;
   private morph = 1;
+  private ages = new Map<number, number>();
+  private changes = new Map<number, CellChange>();
 
   constructor(private readonly colourOfSession: (session: string) => string) {
     const corners = new Float32Array(3 * SIDES);
@@ -57,6 +66,7 @@ export class PatchLayer {
     geometry.setIndex(this.fan);
     geometry.setAttribute("center", new InstancedBufferAttribute(patches.centers, 4));
     geometry.setAttribute("octahedral", new InstancedBufferAttribute(patches.normals, 2, true));
+    geometry.setAttribute("mark", new InstancedBufferAttribute(this.marksOf(id, patches), 1));
     geometry.instanceCount = 0;
     geometry.boundingSphere = new Sphere(new Vector3(), 90);
     const mesh = new Mesh(geometry, this.material);
@@ -112,6 +122,16 @@ export class PatchLayer {
     this.material.uniforms.colouring!.value = COLOURS.indexOf(colouring);
   }
 
+  /** How old each CELL is: 0 the oldest, 1 the newest. */
+  setAges(ages: Map<number, number>): void {
+    this.ages = ages;
+  }
+
+  setChanges(changes: Map<number, CellChange>): void {
+    this.changes = changes;
+    for (const [id, { mesh, patches }] of this.drawn) mesh.geometry.setAttribute("mark", new InstancedBufferAttribute(this.marksOf(id, patches), 1));
+  }
+
   setHeights(low: number, high: number): void {
     this.material.uniforms.heights!.value.set(low, high);
   }
@@ -134,10 +154,22 @@ export class PatchLayer {
     return count;
   }
 
+  private marksOf(id: number, { indices }: PatchLayout): Uint8Array {
+    const marks = new Uint8Array(indices.length);
+    const change = this.changes.get(id);
+    if (!change) return marks;
+    const changed = new Set(change.changed);
+    indices.forEach((index, k) => {
+      if (changed.has(index)) marks[k] = change.lost ? VANISHED : APPEARED;
+    });
+    return marks;
+  }
+
   private setUniforms(id: number, cell: DrawnCell): void {
     const { uniforms } = this.material;
     uniforms.lodScale!.value = cell.lodScale;
     uniforms.reach!.value = cell.reach;
+    uniforms.age!.value = this.ages.get(id) ?? 1;
     uniforms.morph!.value = this.closeUp === id ? this.morph : 1;
     (uniforms.colour!.value as Color).set(this.colourOfSession(cell.session));
     this.material.uniformsNeedUpdate = true;

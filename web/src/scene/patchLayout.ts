@@ -5,12 +5,13 @@ import type { Lattice } from "../format/lattice";
  * The patches of a CELL as the graphics processor reads them. `centers` holds x, y, z in the cell frame and the angular
  * radius of the lattice patch; `normals` two 16-bit octahedral coordinates. They are in an order of which every beginning
  * is an even, coarser lattice: `levels[k]` patches are those of level k, 2^-k of all, and come first. `count` is how many the
- * CELL has.
+ * CELL has. `indices` says which lattice point each patch is of.
  */
 export interface PatchLayout {
   count: number;
   centers: Float32Array;
   normals: Int16Array;
+  indices: Uint32Array;
   levels: number[];
 }
 
@@ -46,7 +47,10 @@ function radiusOf(lattice: Lattice): (index: number) => number {
   return (index) => 2 / Math.sqrt(lattice.spheres[ends.findIndex((e) => index < e)]!.points);
 }
 
-export function layOutPatches(cell: Cell, lattice: Lattice): PatchLayout {
+/** The coarse layer of a coded CELL has a quarter of the patches: what is its all is level 2 of the whole. */
+export const COARSE_LAYER_LEVEL = 2;
+
+export function layOutPatches(cell: Cell, lattice: Lattice, isCoarseLayer = false): PatchLayout {
   const count = cell.indices.length;
   const counts = new Array<number>(LEVELS).fill(0);
   for (const index of cell.indices) ++counts[levelOf(index)]!;
@@ -58,13 +62,17 @@ export function layOutPatches(cell: Cell, lattice: Lattice): PatchLayout {
   }
   const centers = new Float32Array(4 * count);
   const normals = new Int16Array(2 * count);
+  const indices = new Uint32Array(count);
   const radius = radiusOf(lattice);
   cell.indices.forEach((index, k) => {
     const slot = next[levelOf(index)]!++;
+    indices[slot] = index;
     const distance = cell.planes[4 * k]!;
     for (let axis = 0; axis < 3; ++axis) centers[4 * slot + axis] = distance * lattice.directions[3 * index + axis]!;
     centers[4 * slot + 3] = radius(index);
     octahedral(cell.planes[4 * k + 1]!, cell.planes[4 * k + 2]!, cell.planes[4 * k + 3]!, normals, 2 * slot);
   });
-  return { count, centers, normals, levels };
+  if (!isCoarseLayer) return { count, centers, normals, indices, levels };
+  const ofWhole = levels.map((_, level) => levels[Math.max(0, level - COARSE_LAYER_LEVEL)]!);
+  return { count: count << COARSE_LAYER_LEVEL, centers, normals, indices, levels: ofWhole };
 }

@@ -1,6 +1,6 @@
 import { Color, DoubleSide, ShaderMaterial, Vector2 } from "three";
 
-export const COLOURS = ["normal", "height", "session"] as const;
+export const COLOURS = ["normal", "height", "session", "age", "change"] as const;
 export type Colouring = (typeof COLOURS)[number];
 
 // A patch is the cut of its ray cone with its plane: an ellipse that is longer where the plane is seen at a grazing
@@ -8,7 +8,8 @@ export type Colouring = (typeof COLOURS)[number];
 const vertexShader = /* glsl */ `
 attribute vec4 center;
 attribute vec2 octahedral;
-uniform float lodScale, morph, sphere, reach;
+attribute float mark;
+uniform float lodScale, morph, sphere, reach, age;
 uniform int colouring;
 uniform vec2 heights;
 uniform vec3 colour;
@@ -53,6 +54,8 @@ void main() {
   // What lies is grey; what stands has a hue for the way it faces.
   if (colouring == 0) base = mix(vec3(0.55, 0.59, 0.64), facingHue(inMap), smoothstep(0.35, 0.85, length(inMap.xy)));
   if (colouring == 1) base = ramp(clamp(((modelMatrix * vec4(center.xyz, 1.0)).z - heights.x) / (heights.y - heights.x), 0.0, 1.0));
+  if (colouring == 3) base = ramp(age);
+  if (colouring == 4) base = mark > 1.5 ? vec3(0.18, 0.75, 0.44) : mark > 0.5 ? vec3(0.9, 0.28, 0.3) : vec3(0.42, 0.46, 0.5);
   shade = base * light;
   corner = position.xy;
 }`;
@@ -75,6 +78,7 @@ export function makePatchMaterial(): ShaderMaterial {
       morph: { value: 1 },
       sphere: { value: 3 },
       reach: { value: 1e9 },
+      age: { value: 0 },
       colouring: { value: 0 },
       heights: { value: new Vector2(-2, 8) },
       colour: { value: new Color("#4c8dd6") },

@@ -1,10 +1,10 @@
 import { Frustum, Matrix4, Sphere, Vector3 } from "three";
 
-import type { DecodeAnswer, DecodeRequest } from "./decode.worker";
+import type { CellForm, DecodeAnswer, DecodeRequest } from "./decode.worker";
 import DecodeWorker from "./decode.worker?worker";
 import { chooseDetail } from "./detail";
 import type { PatchLayer } from "./patchLayer";
-import { LEVELS, type PatchLayout } from "./patchLayout";
+import { COARSE_LAYER_LEVEL, LEVELS, type PatchLayout } from "./patchLayout";
 import { positionOf } from "./poses";
 import type { Stage } from "./stage";
 
@@ -17,13 +17,15 @@ export interface StreamedCell {
 }
 
 /** Asks the worker for CELLs: from a server, or from bytes that someone else reads. */
-export type CellSource = (ids: number[]) => Promise<Pick<DecodeRequest, "url" | "ids" | "cells">>;
+export type CellSource = (asked: { id: number; form: CellForm }[]) => Promise<Omit<DecodeRequest, "ticket">>;
 
 export interface StreamerOptions {
   /** Patches drawn at a time. */
   budget: number;
   /** Bytes of patches kept in memory. */
   memory: number;
+  /** Whether bytes are dearer than time: CELLs then travel coded, those far away as their coarse layer. */
+  coded: boolean;
 }
 
 export interface StreamerState {
@@ -35,7 +37,7 @@ export interface StreamerState {
   failure: string | null;
 }
 
-const BYTES_A_PATCH = 20;
+const BYTES_A_PATCH = 25;
 const BATCH = 12;
 const REQUESTS = 2;
 const MAX_CELLS = 2500;
@@ -152,15 +154,21 @@ export class Streamer {
     while (this.running < REQUESTS && missing.length > 0) void this.fetch(missing.splice(0, BATCH));
   }
 
+  private formOf(id: number): CellForm {
+    if (!this.options.coded) return "raw";
+    return (this.levels.get(id) ?? 0) >= COARSE_LAYER_LEVEL ? "coarse" : "compact";
+  }
+
   private async fetch(ids: number[]): Promise<void> {
     ++this.running;
     for (const id of ids) this.pending.add(id);
-    const answer = await this.decode(ids);
+    const asked = ids.map((id) => ({ id, form: this.formOf(id) }));
+    const answer = await this.decode(asked);
     --this.running;
     for (const id of ids) this.pending.delete(id);
     if (answer.error !== undefined) this.state.failure = answer.error;
     for (const { id, patches, error } of answer.cells) {
-      if (patches) this.keep(id, patches);
+      if (patches) this.keep(id, patches, asked.some((one) => one.id === id && one.form === "coarse"));
       else this.state.broken.set(id, error ?? "unknown");
     }
     const answered = new Set(answer.cells.map(({ id }) => id));
@@ -171,10 +179,10 @@ export class Streamer {
     this.wake();
   }
 
-  private async decode(ids: number[]): Promise<DecodeAnswer> {
+  private async decode(asked: { id: number; form: CellForm }[]): Promise<DecodeAnswer> {
     const ticket = this.nextTicket++;
     try {
-      const request: DecodeRequest = { ticket, ...(await this.source(ids)) };
+      const request: DecodeRequest = { ticket, ...(await this.source(asked)) };
       return await new Promise((resolve) => {
         this.tickets.set(ticket, resolve);
         this.worker.postMessage(request);
@@ -184,12 +192,12 @@ export class Streamer {
     }
   }
 
-  private keep(id: number, patches: PatchLayout): void {
+  private keep(id: number, patches: PatchLayout, coarse: boolean): void {
     const cell = this.cells.get(id);
     if (!cell) return;
     const wanted = this.levels.get(id) ?? LEVELS - 1;
-    const level = this.fitsInMemory() || wanted < COARSE_LEVEL ? 0 : COARSE_LEVEL;
-    const kept = level === 0 ? patches : coarser(patches, level);
+    const level = this.fitsInMemory() || wanted < COARSE_LEVEL ? (coarse ? COARSE_LAYER_LEVEL : 0) : COARSE_LEVEL;
+    const kept = level < COARSE_LEVEL ? patches : coarser(patches, level);
     this.layer.add(id, kept, cell.session, cell.pose);
     this.layer.setLevel(id, this.levels.get(id) ?? null);
     this.kept.set(id, { bytes: (BYTES_A_PATCH * kept.centers.length) / 4, level, used: this.clock });
@@ -226,6 +234,7 @@ function coarser(patches: PatchLayout, level: number): PatchLayout {
     ...patches,
     centers: patches.centers.slice(0, 4 * count),
     normals: patches.normals.slice(0, 2 * count),
+    indices: patches.indices.slice(0, count),
     levels: patches.levels.map((n) => Math.min(n, count)),
   };
 }

@@ -3,6 +3,8 @@ import { announce, h, replace } from "../dom";
 import type { ByteSource } from "../format/byteSource";
 import { type OpenedMap, openArchive, openServerMap } from "../model/origin";
 import { SessionColours } from "../model/sessionColours";
+import { ComparePanel } from "../panels/comparePanel";
+import { DrivePanel } from "../panels/drivePanel";
 import { JobsPanel } from "../panels/jobsPanel";
 import { LocatePanel } from "../panels/locatePanel";
 import { LoopPanel } from "../panels/loopPanel";
@@ -10,12 +12,20 @@ import { MapPanel } from "../panels/mapPanel";
 import type { Layers, MapContext, Panel } from "../panels/panel";
 import { formatRoute, parseRoute, type Route, type Tab, TABS } from "../route";
 import { MapScene } from "../scene/mapScene";
+import type { Colouring } from "../scene/patchMaterial";
 import { NoWebGlError } from "../scene/stage";
 import { count } from "../text";
 import { listenToKeys } from "./keys";
 import { Overlays } from "./overlays";
+import { tokenPrompt } from "./tokenPrompt";
 
-const TAB_NAMES: Record<Tab, string> = { map: "Map", graph: "Loops", locate: "Where am I?", jobs: "Jobs" };
+const TAB_NAMES: Record<Tab, string> = { map: "Map", graph: "Loops", drive: "Drives", locate: "Where am I?", jobs: "Jobs", compare: "Compare" };
+
+/** From this machine bytes cost less than decoding; `?cells=coded` or `?cells=raw` decides otherwise. */
+function travelsCoded(): boolean {
+  const asked = new URLSearchParams(location.search).get("cells");
+  return asked === "coded" || (asked !== "raw" && !/^(localhost|127\.[\d.]+|\[::1\])$/.test(location.hostname));
+}
 
 /** One map: the canvas with what lies over it, and the panels beside. */
 export class MapView {
@@ -51,8 +61,7 @@ export class MapView {
     this.route = route;
     this.showTab(route.tab);
     this.context?.select({ loop: route.loop, cell: route.cell });
-    this.overlays?.setColouring(route.colouring);
-    this.scene?.setColouring(route.colouring);
+    this.setColouring(route.colouring);
     if (view) this.scene?.stage.setView(view);
   }
 
@@ -90,6 +99,7 @@ export class MapView {
       scene: null,
       select: (selection) => this.select(selection),
       setLayers: (layers) => this.setLayers(layers),
+      setColouring: (colouring) => this.setColouring(colouring),
       showRevision: (revision) => this.showRevision(revision),
     };
   }
@@ -102,6 +112,7 @@ export class MapView {
         lattice: summary.lattice,
         source,
         colours: context.colours,
+        coded: context.api !== null && travelsCoded(),
         budget: Number(new URLSearchParams(location.search).get("budget")) || undefined,
         onPick: (picked) => this.picked(picked),
         onState: () => this.overlays?.update(),
@@ -115,10 +126,7 @@ export class MapView {
     scene.setModel(context.model);
     scene.setLayers(context.layers);
     scene.setColouring(this.route.colouring);
-    this.overlays = new Overlays(this.stageElement, context, scene, this.route.colouring, (colouring) => {
-      scene.setColouring(colouring);
-      this.updateAddress({ colouring });
-    });
+    this.overlays = new Overlays(this.stageElement, context, scene, this.route.colouring, (colouring) => this.setColouring(colouring));
     scene.stage.setView(this.route.view ?? scene.overview());
     scene.stage.onMoved(() => this.cameraMoved());
     listenToKeys(canvas, scene);
@@ -188,6 +196,12 @@ export class MapView {
     this.select(picked.kind === "loop" ? { loop: picked.id } : { cell: picked.id });
   }
 
+  private setColouring(colouring: Colouring): void {
+    this.overlays?.setColouring(colouring);
+    this.scene?.setColouring(colouring);
+    this.updateAddress({ colouring });
+  }
+
   private setLayers(layers: Layers): void {
     this.context!.layers = layers;
     this.scene?.setLayers(layers);
@@ -231,11 +245,15 @@ export class MapView {
     }
     this.panelElement.setAttribute("aria-labelledby", `tab-${tab}`);
     this.updateAddress({ tab });
-    if (this.context) replace(this.panelElement, this.panel(tab, this.context).element);
+    if (!this.context) return;
+    const panel: Panel = this.panel(tab, this.context);
+    replace(this.panelElement, panel.element);
+    this.stageElement.querySelector(".sheet")?.remove();
+    if (panel.sheet) this.stageElement.append(panel.sheet);
   }
 
   private panel(tab: Tab, context: MapContext): Panel {
-    const make = { map: MapPanel, graph: LoopPanel, locate: LocatePanel, jobs: JobsPanel }[tab];
+    const make = { map: MapPanel, graph: LoopPanel, drive: DrivePanel, locate: LocatePanel, jobs: JobsPanel, compare: ComparePanel }[tab];
     return (this.panels[tab] ??= new make(context));
   }
 
@@ -270,6 +288,10 @@ export class MapView {
   }
 
   private showFailure(error: Error): void {
+    if (error instanceof ServerError && error.status === 401) {
+      replace(this.stageElement, h("div", { class: "centre" }, tokenPrompt(() => void this.open())));
+      return;
+    }
     const missing = error instanceof ServerError && error.status === 404;
     replace(
       this.stageElement,

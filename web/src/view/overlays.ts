@@ -33,6 +33,7 @@ export class Overlays {
   }
 
   setColouring(colouring: Colouring): void {
+    if (colouring === this.colouring) return;
     this.colouring = colouring;
     const input = document.querySelector<HTMLInputElement>(`input[name="colouring"][value="${colouring}"]`);
     if (input) input.checked = true;
@@ -92,8 +93,7 @@ export class Overlays {
       ...COLOURS.map((colouring) => {
         const input = h("input", { type: "radio", name: "colouring", value: colouring, checked: colouring === this.colouring });
         input.addEventListener("change", () => {
-          this.colouring = colouring;
-          this.drawLegend();
+          this.setColouring(colouring);
           this.onColouring(colouring);
         });
         return h("label", {}, input, h("span", {}, colouring));
@@ -107,6 +107,8 @@ export class Overlays {
     const patches = {
       normal: [item("#98a3af", "lying"), h("span", {}, h("span", { class: "wheel", "aria-hidden": "true" }), "standing, by the way it faces")],
       height: [h("span", {}, "low"), h("span", { class: "ramp" }), h("span", {}, "high")],
+      age: [h("span", {}, "oldest"), h("span", { class: "ramp" }), h("span", {}, "newest")],
+      change: [item("#e6474d", "vanished"), item("#2ebf70", "appeared"), item("#6b7580", "stayed, or not seen by both")],
       session: model.sessions.slice(0, 6).map((name) => item(colours.of(name), name)),
     }[this.colouring];
     const loops = model.loops.length > 0 ? [item(VERDICT_COLOURS.accepted!, "loop"), item(VERDICT_COLOURS.rejected!, "rejected loop")] : [];

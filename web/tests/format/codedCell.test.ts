@@ -2,7 +2,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { expect, test } from "vitest";
 
-import { readCodedCell } from "../../src/format/codedCell";
+import { readCoarseCell, readCodedCell } from "../../src/format/codedCell";
 import { FormatError } from "../../src/format/error";
 import { FIRST_PROBABILITIES } from "../../src/format/firstProbabilities";
 import { Lattices } from "../../src/format/lattice";
@@ -22,6 +22,24 @@ test.each(names.flatMap((name) => [[name, ""], [name, ".canonical"]]))("%s%s.cco
   expect(cell.session).toBe(json.session);
   expect(Array.from(cell.T_odom_cell)).toEqual(poseOf(json.t_odom_cell));
 });
+
+test.each(names)("the beginning of %s is a CELL of a quarter of the planes, each as in the whole", async (name) => {
+  const json = twin(`${name}.json`);
+  const whole = vectorBytes(`${name}.canonical.ccod`);
+  const data = json.data as number[];
+  const end = data.length === 0 ? whole.length : whole.length - (data.length - json.coarse_bytes);
+  const padding = data.length === 0 ? 0 : Array.from({ length: 8 }, (_, i) => i).find((i) => data.at(-1) === whole.at(-1 - i) && matches(whole, data, i))!;
+  const beginning = whole.slice(0, end - padding);
+  const cell = await readCoarseCell(beginning, whole.length, lattices);
+  expect(Array.from(cell.indices)).toEqual(json.decoded.coarse_indices);
+  const all = await readCodedCell(whole, lattices);
+  const rows = Array.from(all.indices, (index, k) => (json.decoded.coarse_indices.includes(index) ? k : -1)).filter((k) => k >= 0);
+  expect(Array.from(cell.planes)).toEqual(rows.flatMap((k) => Array.from(all.planes.subarray(4 * k, 4 * k + 4))));
+  if (json.coarse_bytes > 0) await expect(readCoarseCell(beginning.slice(0, -1), whole.length, lattices)).rejects.toThrow(FormatError);
+});
+
+const matches = (file: Uint8Array, data: number[], padding: number): boolean =>
+  data.every((byte, i) => file[file.length - padding - data.length + i] === byte);
 
 test("first probabilities are those of the document", () => {
   const text = readFileSync(join(process.env.CELLMAP_SOURCE_DIR ?? "..", "schema/FORMAT.md"), "utf8");

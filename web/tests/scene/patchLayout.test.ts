@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 
 import type { Cell } from "../../src/format/cell";
 import { Lattices } from "../../src/format/lattice";
-import { layOutPatches, LEVELS } from "../../src/scene/patchLayout";
+import { COARSE_LAYER_LEVEL, layOutPatches, LEVELS } from "../../src/scene/patchLayout";
 
 const lattice = new Lattices().get({ kind: "fibonacci", size: 20_000 });
 
@@ -38,6 +38,23 @@ test("each level has half of the one before, within a tenth", () => {
     expect(share).toBeGreaterThan(0.45);
     expect(share).toBeLessThan(0.55);
   }
+});
+
+test("a patch knows its lattice point", () => {
+  for (let k = 0; k < patches.count; k += 101) {
+    const direction = lattice.directions.subarray(3 * patches.indices[k]!, 3 * patches.indices[k]! + 3);
+    for (let axis = 0; axis < 3; ++axis) expect(patches.centers[4 * k + axis]).toBeCloseTo(5 * direction[axis]!, 5);
+  }
+});
+
+test("a coarse layer stands for a CELL of four times as many patches", () => {
+  const whole = bowl();
+  const quarter = whole.indices.filter((index) => index % 4 === 0);
+  const planes = Float32Array.from(quarter).fill(0).length;
+  const coarse = layOutPatches({ ...whole, indices: quarter, planes: whole.planes.slice(0, 4 * planes) } as Cell, lattice, true);
+  expect(coarse.count).toBe(10_000);
+  expect(coarse.levels.slice(0, COARSE_LAYER_LEVEL + 1)).toEqual([2500, 2500, 2500]);
+  expect(coarse.levels[COARSE_LAYER_LEVEL + 1]! / 2500).toBeCloseTo(0.5, 1);
 });
 
 test("a coarse level is even: each twelfth of the circle has its share", () => {

@@ -1,0 +1,166 @@
+#include "server/settings.hpp"
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <ostream>
+
+#include "cellmap/core/error.hpp"
+#include "server/http/listener.hpp"
+
+namespace cellmap::server {
+namespace {
+
+constexpr int kUsageError = 2;
+
+constexpr char kFooter[] =
+    R"(Example: cellmapd --store maps.db --listen 127.0.0.1:8080 --data-root ~/drives
+
+Every option may also stand in the environment (--log-level: CELLMAPD_LOG_LEVEL) or in the file of --config
+(log-level = "debug"). The command line goes before the environment, the environment before the file.
+--print-config says what is in force, as such a file.
+
+SIGTERM and SIGINT stop the server; running jobs go on at the next start. SIGHUP makes it read its tokens
+again and begin a new audit log where the old one was moved away.)";
+
+std::string environment_name(std::string option) {
+  for (char& c : option) c = c == '-' ? '_' : static_cast<char>(std::toupper(c));
+  return "CELLMAPD_" + option;
+}
+
+/// CLI11 reads the file before it looks at the environment: what stands there is left out.
+class FileBelowEnvironment : public CLI::ConfigTOML {
+ public:
+  explicit FileBelowEnvironment(const CLI::App& app) : app_(app) {}
+
+  std::vector<CLI::ConfigItem> from_config(std::istream& input) const override {
+    auto items = CLI::ConfigTOML::from_config(input);
+    std::erase_if(items, [&](const CLI::ConfigItem& item) {
+      const auto* option = app_.get_option_no_throw("--" + item.name);
+      if (!option || option->get_envname().empty()) return false;
+      const char* value = std::getenv(option->get_envname().c_str());
+      return value && *value;
+    });
+    return items;
+  }
+
+ private:
+  const CLI::App& app_;
+};
+
+/// The options that stand in files and in the environment too.
+void add_options(CLI::App& app, Settings& settings) {
+  app.option_defaults()->always_capture_default();
+  app.add_option("--store", settings.store, "The store's file; made where it is missing");
+  app.add_option("--listen", settings.listen,
+                 "HOST:PORT (port 0: any free one) or unix:PATH (repeatable, or with commas)")
+      ->delimiter(',');
+  app.add_option("--data-root", settings.data_roots,
+                 "A folder that ingest jobs may read data sets from (repeatable)")
+      ->delimiter(',');
+  app.add_option("--viewer", settings.viewer,
+                 "Folder of the built viewer, served at /; default: the installed one, or the "
+                 "build tree's");
+  app.add_option(
+      "--tokens", settings.tokens,
+      "Who may do what: the file of 'cellmap token create'; default: everyone everything");
+  app.add_option("--audit", settings.audit, "A file that is told of every write, in JSON lines");
+  app.add_option("--rate-limit", settings.rate_limit,
+                 "Requests a second of one token, or without tokens of one address; 0: no limit")
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_option("--allow-origin", settings.allow_origins,
+                 "A web page that may call from a browser: its origin, or * (repeatable)")
+      ->delimiter(',');
+  app.add_option("--threads", settings.threads, "Threads of one computation; 0: all")
+      ->check(CLI::Range(0, 1024));
+  app.add_option("--max-connections", settings.max_connections,
+                 "Held open; beyond them the longest idle one makes room")
+      ->check(CLI::Range(16, 1'000'000));
+  app.add_option("--log-level", settings.log_level, "How much goes to standard error")
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}));
+  app.add_option("--log-format", settings.log_format, "For people, or an object a line")
+      ->check(CLI::IsMember({"text", "json"}));
+  app.add_flag("--insecure", settings.insecure,
+               "Listen beyond this machine although nobody is asked who they are");
+  for (CLI::Option* option : app.get_options()) {
+    const auto name = option->get_single_name();
+    if (option->get_configurable() && name != "help") option->envname(environment_name(name));
+  }
+}
+
+/// CLI11 prints lists that nobody set in a form that it does not read.
+std::string text_of(CLI::App& app, const Settings& settings) {
+  const std::vector<std::pair<const char*, const std::vector<std::string>*>> lists{
+      {"--listen", &settings.listen},
+      {"--data-root", &settings.data_roots},
+      {"--allow-origin", &settings.allow_origins}};
+  for (const auto& [name, values] : lists) {
+    CLI::Option* option = app.get_option(name);
+    option->configurable(!values->empty());
+    if (option->count() == 0) option->add_result(*values);
+  }
+  return app.config_to_str(true, true);
+}
+
+/// What was wrong, in words of ours.
+std::string reason_of(const CLI::ParseError& error) {
+  std::string reason = error.what();
+  constexpr std::string_view kUnknown = "INI was not able to parse ";
+  if (reason.starts_with(kUnknown)) {
+    reason =
+        "the file of --config has a setting that there is not: " + reason.substr(kUnknown.size());
+  }
+  return reason + " (cellmapd --help)";
+}
+
+int fail(std::ostream& err, const std::string& why) {
+  err << "cellmapd: " << why << '\n';
+  return kUsageError;
+}
+
+}  // namespace
+
+std::variant<Settings, int> read_settings(const std::vector<std::string>& arguments,
+                                          std::ostream& out, std::ostream& err) {
+  CLI::App app("Serves the maps of one store over HTTP.", "cellmapd");
+  Settings settings;
+  bool print = false;
+  app.footer(kFooter);
+  add_options(app, settings);
+  app.set_version_flag("--version", "cellmapd " CELLMAP_VERSION);
+  const char* file = std::getenv("CELLMAPD_CONFIG");
+  app.set_config("--config", file ? file : "", "A file of settings (default: CELLMAPD_CONFIG)",
+                 file != nullptr)
+      ->configurable(false);
+  app.add_flag("--print-config", print, "Print what is in force and stop")->configurable(false);
+  app.config_formatter(std::make_shared<FileBelowEnvironment>(app));
+  app.allow_config_extras(false);
+  try {
+    app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error, out, err);
+    return fail(err, reason_of(error));
+  }
+  if (print) {
+    out << text_of(app, settings);
+    return 0;
+  }
+  if (settings.store.empty()) {
+    return fail(err, "--store is required: the store's file; made where it is missing");
+  }
+  return settings;
+}
+
+void check_addresses(const Settings& settings) {
+  if (settings.insecure || !settings.tokens.empty()) return;
+  for (const std::string& address : settings.listen) {
+    if (is_local(address)) continue;
+    throw Error(ErrorCode::kInvalidArgument,
+                address +
+                    " is no loopback address, and this server would ask nobody who they are. "
+                    "Make a token (cellmap token create NAME --tokens FILE --scope map:read) and "
+                    "say --tokens FILE; or listen on 127.0.0.1 behind a proxy; or, where everyone "
+                    "who reaches it may do everything, say --insecure.");
+  }
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <iosfwd>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace cellmap::server {
+
+/// What cellmapd was told. Each has one name: `log-level` in the file, CELLMAPD_LOG_LEVEL in the
+/// environment, --log-level on the command line. The command line goes before the environment, that
+/// before the file, that before the defaults here.
+struct Settings {
+  std::string store;
+  std::vector<std::string> listen{"127.0.0.1:8080"};
+  std::vector<std::string> data_roots;
+  std::string viewer;
+  std::string tokens, audit;
+  double rate_limit = 0;
+  std::vector<std::string> allow_origins;
+  int threads = 0;
+  int max_connections = 4096;
+  std::string log_level = "info", log_format = "text";
+  bool insecure = false;
+};
+
+/// Settings, or the exit code of a program that has nothing more to do: it printed its help, its
+/// version, its configuration (--print-config) to `out`, or what was wrong to `err` (code 2). What
+/// nobody knows is refused, in the file too.
+std::variant<Settings, int> read_settings(const std::vector<std::string>& arguments,
+                                          std::ostream& out, std::ostream& err);
+
+/// Throws Error{kInvalidArgument} where others than this machine could reach the server and nobody
+/// would be asked who they are.
+void check_addresses(const Settings& settings);
+
+}  // namespace cellmap::server
