@@ -30,6 +30,7 @@ constexpr char kExamples[] =
 void add_all(CLI::App& app, Verbs& verbs) {
   add_simulate(app, verbs);
   add_build(app, verbs);
+  add_import(app, verbs);
   add_serve(app, verbs);
   add_token(app, verbs);
   add_ingest(app, verbs);

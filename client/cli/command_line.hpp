@@ -37,6 +37,7 @@ bool json_asked(const Verbs& verbs);
 
 void add_simulate(CLI::App& app, Verbs& verbs);
 void add_build(CLI::App& app, Verbs& verbs);
+void add_import(CLI::App& app, Verbs& verbs);
 void add_serve(CLI::App& app, Verbs& verbs);
 void add_token(CLI::App& app, Verbs& verbs);  // token create, list, revoke
 void add_ingest(CLI::App& app, Verbs& verbs);

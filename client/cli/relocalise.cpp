@@ -59,7 +59,11 @@ std::string found_text(const Relocalisation& relocalisation) {
         format("  on Earth    %.8f %.8f deg, %.3f m  %.6f %.6f %.6f %.6f\n", geopose->latitude_deg,
                geopose->longitude_deg, geopose->height_m, q.x(), q.y(), q.z(), q.w());
   }
-  text += format("  confidence  %.2f, %u other CELLs agree\n", found.confidence, found.witnesses);
+  text += format("  confidence  %.4f\n", found.confidence);
+  if (const SurroundingsScores& around = found.surroundings; around.cells > 0) {
+    text += format("  around      %u CELLs confirm %.0f %% of what the scan should see\n",
+                   around.cells, 100 * around.agreement);
+  }
   return text + "  scores      " + scores_text(found.registration.scores) + "\n";
 }
 

@@ -1,5 +1,8 @@
 #include <gmock/gmock.h>
 
+#include <random>
+
+#include "cellmap/archive/archive_precision.hpp"
 #include "cellmap/archive/archive_reader.hpp"
 #include "cellmap/archive/store_archive.hpp"
 #include "cellmap/archive/update_archive.hpp"
@@ -89,7 +92,78 @@ TEST(Archive, ACompactArchiveKeepsPlanesWithinItsBoundAndScansOnTheGrid) {
       expect_near(scans[i].T_cell_scan, expected[i].T_cell_scan, 1.1e-4, 8.3e-7);
     }
   }
-  EXPECT_EQ(encode_pose_graph(reader.pose_graph()), encode_pose_graph(sample.contents.graph));
+}
+
+/// What rounds may take no more than the last of the digits that are written of it.
+void expect_rounded(const PoseGraph& found, const PoseGraph& graph) {
+  EXPECT_EQ(found.revision, graph.revision);
+  EXPECT_EQ(found.unaligned, graph.unaligned);
+  ASSERT_EQ(found.nodes.size(), graph.nodes.size());
+  for (const auto& [id, pose] : graph.nodes) expect_near(found.nodes.at(id), pose, 1.4e-5, 1e-8);
+  ASSERT_EQ(found.constraints.size(), graph.constraints.size());
+  for (std::size_t k = 0; k < graph.constraints.size(); ++k) {
+    const Constraint &a = found.constraints[k], &b = graph.constraints[k];
+    validate(a);
+    EXPECT_EQ(a.id, b.id);
+    EXPECT_EQ(a.from, b.from);
+    EXPECT_EQ(a.to, b.to);
+    expect_near(a.T_from_to, b.T_from_to, 1.4e-5, 1e-8);
+    const double largest = b.information.cwiseAbs().maxCoeff();
+    EXPECT_LE((a.information - b.information).cwiseAbs().maxCoeff(), largest * 0x1p-23);
+    EXPECT_NEAR(a.weight, b.weight, 1e-7);
+    EXPECT_NEAR(a.scores.inlier_ratio_hit, b.scores.inlier_ratio_hit, 1e-7);
+  }
+}
+
+/// Numbers with as many digits as real ones have.
+PoseGraph with_all_digits(PoseGraph graph) {
+  std::mt19937 rng(3);
+  std::normal_distribution<double> normal(0, 1);
+  const auto random = [&] {
+    Tangent xi;
+    for (int i = 0; i < 6; ++i) xi[i] = normal(rng);
+    return xi;
+  };
+  for (auto& [id, pose] : graph.nodes) pose = exp(random()) * pose;
+  for (Constraint& constraint : graph.constraints) {
+    constraint.T_from_to = exp(random());
+    Matrix6d root;
+    for (int i = 0; i < 6; ++i) root.col(i) = random() * (i < 3 ? 20 : 500);
+    constraint.information = root * root.transpose();
+    constraint.information =
+        0.5 * (constraint.information + constraint.information.transpose()).eval();
+    constraint.scores.inlier_ratio_hit = 0.123456789;
+    constraint.weight = 1.0 / 3;
+  }
+  return graph;
+}
+
+TEST(Archive, ACompactArchiveKeepsOfAPoseGraphTheDigitsThatSaySomething) {
+  ArchiveSample sample(9);
+  sample.contents.graph = with_all_digits(sample.contents.graph);
+  const Bytes exact = sample.bytes(),
+              compact = sample.bytes({.encoding = ArchiveEncoding::kCompact, .bound_m = 0.02});
+  EXPECT_EQ(encode_pose_graph(reader_of(exact).pose_graph()),
+            encode_pose_graph(sample.contents.graph));
+  const PoseGraph found = reader_of(compact).pose_graph();
+  expect_rounded(found, sample.contents.graph);
+  EXPECT_EQ(encode_pose_graph(to_archive_precision(found)), encode_pose_graph(found));
+  const auto bytes = [](const PoseGraph& graph) { return zstd_compress(encode_pose_graph(graph)); };
+  EXPECT_LT(bytes(found).size(), 2 * bytes(sample.contents.graph).size() / 3);
+}
+
+TEST(ArchiveUpdate, OfACompactArchiveNamesOnlyWhatMoved) {
+  ArchiveSample sample(9);
+  sample.contents.graph = with_all_digits(sample.contents.graph);
+  MemoryFile file(sample.bytes({.encoding = ArchiveEncoding::kCompact, .bound_m = 0.02}));
+  PoseGraph graph = sample.contents.graph;
+  ++graph.revision;
+  graph.nodes.begin()->second.translation().y() += 0.1;
+  EXPECT_LT(update_archive(file, graph), 1'500u);
+  const PoseGraph found = reader_of(file.bytes()).pose_graph();
+  expect_near(found.nodes.begin()->second, graph.nodes.begin()->second, 1.3e-4, 8.5e-7);
+  graph.nodes.begin()->second = found.nodes.begin()->second;
+  expect_rounded(found, graph);
 }
 
 TEST(Archive, AnyCellIsOneReadAfterTheFirstTwo) {

@@ -50,6 +50,7 @@ TEST(CommandLine, VersionAndHelpAreSuccess) {
 TEST(CommandLine, EveryVerbHasHelpWithExamplesAndJson) {
   const std::vector<std::vector<std::string>> verbs = {{"simulate"},
                                                        {"build"},
+                                                       {"import"},
                                                        {"serve"},
                                                        {"ingest"},
                                                        {"maps"},

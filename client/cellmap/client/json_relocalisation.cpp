@@ -16,9 +16,12 @@ void read_evidence(const Json& json, RelocalisationCandidate& candidate) {
   candidate.registration.scores = scores_from_json(json.at("scores"));
   candidate.confidence = number_or(json, "confidence", 0);
   candidate.similarity = number_or(json, "similarity", 0);
-  candidate.dominance = number_or(json, "dominance", 0);
-  if (json.contains("witnesses")) {
-    candidate.witnesses = integer<std::uint32_t>(json.at("witnesses"));
+  if (json.contains("surroundings")) {
+    const Json& around = json.at("surroundings");
+    candidate.surroundings.cells = integer<std::uint32_t>(around.at("cells"));
+    candidate.surroundings.parts = integer<std::uint32_t>(around.at("parts"));
+    candidate.surroundings.agreement = around.at("agreement").get<double>();
+    candidate.surroundings.free_ratio = around.at("free_ratio").get<double>();
   }
   if (json.contains("residuals")) {
     const Json& points = json.at("residuals").at("points");

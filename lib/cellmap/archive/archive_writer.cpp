@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 
+#include "cellmap/archive/archive_precision.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/checksum.hpp"
@@ -175,12 +176,13 @@ void ArchiveWriter::finish(const ArchiveContents& contents) {
   }
   ArchiveHead head{.lattice = lattice_};
   put_directory(head);
+  const bool is_exact = options_.encoding != ArchiveEncoding::kCompact;
   append_archive_state(
       file_, end_, 1, footer,
-      {{ArchiveSectionKind::kScans,
-        encode_archive_scans(contents.stretches, options_.encoding != ArchiveEncoding::kCompact)},
+      {{ArchiveSectionKind::kScans, encode_archive_scans(contents.stretches, is_exact)},
        {ArchiveSectionKind::kCells, encode_archive_cells(cells_)},
-       {ArchiveSectionKind::kPoseGraph, encode_pose_graph(contents.graph)}});
+       {ArchiveSectionKind::kPoseGraph,
+        encode_pose_graph(is_exact ? contents.graph : to_archive_precision(contents.graph))}});
   file_.write(0, encode_archive_head(head));
   file_.sync();
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 
+#include "cellmap/archive/archive_precision.hpp"
 #include "cellmap/archive/archive_writer.hpp"
 #include "cellmap/codec/changes_codec.hpp"
 #include "cellmap/codec/pose_graph_codec.hpp"
@@ -87,11 +88,16 @@ PoseGraph first_graph(ByteFile& file, const ArchiveFooter& footer) {
 
 }  // namespace
 
-std::uint64_t update_archive(ByteFile& file, const PoseGraph& graph) {
+std::uint64_t update_archive(ByteFile& file, const PoseGraph& newest) {
   ArchiveReader reader(borrowed(file));
   reader.pose_graph();  // verified, as everything that is kept
   ArchiveFooter footer = reader.footer();
-  const MapChanges changes = changes_between(first_graph(file, footer), graph);
+  PoseGraph first = first_graph(file, footer), graph = newest;
+  if (footer.encoding == ArchiveEncoding::kCompact) {
+    first = to_archive_precision(std::move(first));  // which it may not be from the beginning
+    graph = to_archive_precision(std::move(graph));
+  }
+  const MapChanges changes = changes_between(first, graph);
   supersede(file, footer, reader.state());
   footer.revision = graph.revision;
   const ArchiveState state =

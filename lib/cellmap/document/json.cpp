@@ -118,8 +118,11 @@ void add_evidence(Json& json, const RelocalisationCandidate& candidate) {
   json["scores"] = to_json(candidate.registration.scores);
   json["confidence"] = candidate.confidence;
   json["similarity"] = candidate.similarity;
-  json["dominance"] = candidate.dominance;
-  json["witnesses"] = candidate.witnesses;
+  const SurroundingsScores& around = candidate.surroundings;
+  json["surroundings"] = {{"cells", around.cells},
+                          {"parts", around.parts},
+                          {"agreement", around.agreement},
+                          {"free_ratio", around.free_ratio}};
   json["residuals"] = {{"borders_m", ResidualHistogram::kBordersM},
                        {"points", candidate.residuals.points}};
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include "cellmap/core/parallel.hpp"
 #include "cellmap/place/along_street.hpp"
@@ -12,7 +11,6 @@
 namespace cellmap {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 /// Places farther apart than this are not the same.
 constexpr double kSamePlaceM = 5.0;
 /// Nearer than this two answers are one.
@@ -333,7 +331,6 @@ class Trials {
     std::vector<RelocalisationCandidate> candidates;
     if (tried_.empty()) return candidates;
     choose_among_rivals();
-    compare_best();
     RelocalisationCandidate& best = tried_.front().candidate;
     // A prior says where to look; what is nowhere alike there was tried all the same.
     const bool looks_alike =
@@ -364,22 +361,6 @@ class Trials {
     }
     best.candidate.confidence /= 1 + rivals;
     best.believed = is_believed(best.candidate, options_.min_confidence);
-  }
-
-  /// What the other places say of the best one.
-  void compare_best() {
-    RelocalisationCandidate& best = tried_.front().candidate;
-    best.dominance = 1.0;
-    for (std::size_t i = 1; i < tried_.size(); ++i) {
-      const RelocalisationCandidate& other = tried_[i].candidate;
-      const double metres = distance_m(best, other);
-      if (tried_[i].refined && metres > kSamePlaceM) {
-        best.dominance =
-            std::min(best.dominance, agreement(best.structure) - agreement(other.structure));
-      }
-      best.witnesses += other.cell != best.cell && metres <= 0.5 &&
-                        angle_between_rad(best.T_map_scan, other.T_map_scan) <= 2 * kRadPerDeg;
-    }
   }
 
   const std::vector<PlaceToTry>& places_;

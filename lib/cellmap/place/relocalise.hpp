@@ -87,11 +87,6 @@ struct RelocalisationCandidate {
   StructureScores structure;        ///< of the few places that were refined
   ResidualHistogram residuals;      ///< of them too
   SurroundingsScores surroundings;  ///< of the best of them
-  /// By how much its structure agrees better than that of the best other place that was refined,
-  /// more than 5 m away; 1 where there was none.
-  double dominance = 0;
-  /// Other CELLs that were tried and say the same pose in the map, within 0.5 m and 2 deg.
-  std::uint32_t witnesses = 0;
   double confidence = 0;  ///< in [0, 1], that the pose is right (`confidence_of`)
   bool accepted = false;
 };

@@ -73,7 +73,7 @@ export interface Place {
   scores: Scores;
   confidence: number;
   similarity: number;
-  witnesses: number;
+  surroundings: { cells: number; parts: number; agreement: number; free_ratio: number };
   accepted?: boolean;
 }
 

@@ -88,7 +88,7 @@ export class LocatePanel implements Panel {
               ["Confidence", percent(best.confidence)],
               ["Points on their surface", percent(best.scores.inlier_ratio_hit)],
               ["Median residual", metres(best.scores.median_residual_m)],
-              ["Other CELLs that say the same", String(best.witnesses)],
+              ["Confirmed by the CELLs around", percent(best.surroundings.agreement)],
             ),
             result.degenerate ? h("p", { class: "note" }, "The scene does not hold every direction of motion: along one of them the pose is vague.") : null,
           )
