@@ -234,7 +234,8 @@ std::optional<Response> answer_existing(Services& services, const Call& call, Ce
   if (call.header("If-None-Match") == "*") {
     throw Error(ErrorCode::kPreconditionFailed, "There is a CELL by this id already.");
   }
-  if (existing->hash != hash && !is_source(services.store, call.path("map"), *existing, sent)) {
+  if (existing->hash != hash && existing->hash != sent &&
+      !is_source(services.store, call.path("map"), *existing, sent)) {
     throw Error(ErrorCode::kConflict,
                 "A CELL never changes, and the one by this id has other content (" +
                     to_hex(existing->hash) + ").");
