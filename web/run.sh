@@ -28,7 +28,7 @@ fi
 
 mkdir -p "$out"
 exec 9>"$out/.lock" && flock 9
-for name in src tests e2e; do
+for name in src tests e2e api; do
   rm -rf "${out:?}/$name"
   [[ -d $here/$name ]] && cp -r "$here/$name" "$out/$name"
 done
@@ -42,6 +42,7 @@ if [[ $(cat node_modules/.stamp 2>/dev/null) != "$stamp" ]]; then
 fi
 flatc --ts -o schema "$root"/schema/*.fbs
 export CELLMAP_SOURCE_DIR=$root
+node api/build.mjs
 
 command=$1; shift
 case $command in

@@ -47,7 +47,7 @@ export class Browser {
   }
 
   /** The browser's processes, by their kind. */
-  async processes(): Promise<{ id: number; type: string }[]> {
+  async processes(): Promise<{ id: number; type: string; cpuTime: number }[]> {
     const session = await this.context.browser()!.newBrowserCDPSession();
     return (await session.send("SystemInfo.getProcessInfo")).processInfo;
   }

@@ -1,5 +1,5 @@
 import { type ChildProcess, execFileSync, spawn } from "node:child_process";
-import { cpSync, mkdtempSync, rmSync } from "node:fs";
+import { cpSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 
@@ -69,6 +69,12 @@ export class Cellmapd {
       child.on("exit", () => reject(new Error(`cellmapd ended: ${text}`)));
     });
     return new Cellmapd(child, url);
+  }
+
+  /** What it used since it started. */
+  processorSeconds(): number {
+    const fields = readFileSync(`/proc/${this.process.pid}/stat`, "utf8").split(") ")[1]!.split(" ");
+    return (Number(fields[11]) + Number(fields[12])) / 100;
   }
 
   async json<T>(path: string, init?: RequestInit): Promise<T> {

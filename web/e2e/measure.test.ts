@@ -16,6 +16,9 @@ interface Cost {
   heap_mb: number;
   received_mb: number;
   cells: number;
+  page_cpu_s: number;
+  gpu_cpu_s: number;
+  server_cpu_s: number;
 }
 
 /** Memory of a process that no other has, and its share of what several have, MB. */
@@ -27,6 +30,7 @@ async function costOf(server: Cellmapd, query: string): Promise<Cost> {
   const browser = await Browser.open();
   try {
     const page = await browser.page();
+    const before = server.processorSeconds();
     let received = 0;
     page.on("response", (response) => void response.allHeaders().then((headers) => (received += Number(headers["content-length"] ?? 0)), () => undefined));
     await page.goto(`${server.url}/${query}#/${map}`);
@@ -39,6 +43,7 @@ async function costOf(server: Cellmapd, query: string): Promise<Cost> {
     }));
     const processes = await browser.processes();
     const memory = (type: string): number => processes.filter((one) => one.type === type).reduce((sum, { id }) => sum + proportionalMb(id), 0);
+    const processor = (type: string): number => processes.filter((one) => one.type === type).reduce((sum, { cpuTime }) => sum + cpuTime, 0);
     return {
       query: query || "(plain)",
       picture_s: found.marks[0]!,
@@ -48,6 +53,9 @@ async function costOf(server: Cellmapd, query: string): Promise<Cost> {
       heap_mb: found.heap,
       received_mb: received / 1e6,
       cells: found.cells,
+      page_cpu_s: processor("renderer"),
+      gpu_cpu_s: processor("GPU"),
+      server_cpu_s: server.processorSeconds() - before,
     };
   } finally {
     await browser.close();

@@ -213,6 +213,7 @@ void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& fra
     Query(connection_, "UPDATE cell SET replaced = ?, moved = ? WHERE map = ? AND id = ?",
           revision_, revision_, map_.key, id.value)
         .run();
+    insert_pose(id, cell->T_map_cell);  // `moved` names a row of the history
   }
   delete_unused_blobs(connection_, {before});
   map_.info.stored_bytes += frame.size();

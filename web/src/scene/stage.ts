@@ -7,6 +7,8 @@ export interface View {
   target: [number, number, number];
 }
 
+const LAZY_MS = 400;
+
 export class NoWebGlError extends Error {}
 
 function makeRenderer(canvas: HTMLCanvasElement): WebGLRenderer {
@@ -26,15 +28,19 @@ export class Stage {
   readonly camera = new PerspectiveCamera(50, 1, 0.1, 20_000);
   readonly controls: MapControls;
   readonly renderer: WebGLRenderer;
+  /** True where no graphics processor draws: a frame then costs by the patch. */
+  readonly drawsInSoftware: boolean;
   /** Of the last frames while the camera moved; what one frame costs. */
   frameMs = 0;
   private readonly perFrame = new Set<(ms: number) => boolean>();
   private readonly movedListeners = new Set<() => void>();
+  private lazy: ReturnType<typeof setTimeout> | undefined;
   private scheduled = false;
   private last = 0;
 
   constructor(readonly canvas: HTMLCanvasElement) {
     this.renderer = makeRenderer(canvas);
+    this.drawsInSoftware = this.findSoftware();
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(0, -60, 60);
@@ -49,8 +55,7 @@ export class Stage {
     this.resize();
   }
 
-  /** True where no graphics processor draws: a frame then costs by the patch. */
-  get drawsInSoftware(): boolean {
+  private findSoftware(): boolean {
     const gl = this.renderer.getContext();
     const info = gl.getExtension("WEBGL_debug_renderer_info");
     const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
@@ -101,6 +106,15 @@ export class Stage {
   setBackground(color: string): void {
     this.scene.background = new Color(color);
     this.requestFrame();
+  }
+
+  /** A frame for what arrived meanwhile: where drawing costs processor time, that goes to decoding first. */
+  requestLazyFrame(): void {
+    if (!this.drawsInSoftware) return this.requestFrame();
+    this.lazy ??= setTimeout(() => {
+      this.lazy = undefined;
+      this.requestFrame();
+    }, LAZY_MS);
   }
 
   requestFrame(): void {

@@ -121,7 +121,7 @@ export class Streamer {
     this.state.wanted = this.levels.size;
     this.state.loaded = [...this.levels.keys()].filter((id) => this.kept.has(id)).length;
     this.fetchMissing();
-    this.stage.requestFrame();
+    this.stage.requestLazyFrame();
     this.onChange();
   }
 
