@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
-# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies]
+# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers]
 set -euo pipefail
 
 packages=(
@@ -16,6 +16,8 @@ packages=(
 [[ " $* " == *" --without-pcl "* ]] || packages+=(libpcl-dev libdraco-dev)
 # Debian starts these as soon as they are installed, so only who asks gets them; their tests are skipped without.
 [[ " $* " != *" --with-proxies "* ]] || packages+=(nginx-light haproxy openssl)
+# Only the fuzz targets need a second compiler (600 MB installed).
+[[ " $* " != *" --with-fuzzers "* ]] || packages+=(clang-14 libclang-rt-14-dev)
 
 missing=()
 for package in "${packages[@]}"; do

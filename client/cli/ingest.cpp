@@ -129,12 +129,12 @@ void run(const Options& options, const Console& console) {
     const auto on_progress = [&](const Job& latest) { show(bar, latest); };
     if (options.server_path) {
       job = client.start_ingest(options.map, request_of(options));
+      job = client.follow_job(job.id, on_progress, interrupt.token());
     } else {
       const auto source = options.drive.open();
-      job = upload_drive(client, options.map, request_of(options), *source, options.upload(),
-                         on_progress, interrupt.token());
+      job = deliver_drive(client, options.map, request_of(options), *source, options.upload(),
+                          on_progress, interrupt.token());
     }
-    job = client.follow_job(job.id, on_progress, interrupt.token());
   }
   if (!is_final(job.state)) {
     throw Error(ErrorCode::kCancelled,

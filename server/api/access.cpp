@@ -31,6 +31,7 @@ constexpr std::array kTable{
     Row{"GET", "/readyz", kOpen},
     Row{"GET", "/openapi.yaml", kOpen},
     Row{"GET", "/metrics", kRead},
+    Row{"GET", "/v1/backup", Scope::kAdmin},
     Row{"GET", "/v1/maps", kRead},
     Row{"POST", "/v1/maps", kWrite},
     Row{"GET", "/v1/maps/{map}", kRead},

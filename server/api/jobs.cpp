@@ -73,6 +73,14 @@ Response put_scan(Services& services, const Call& call) {
   return response;
 }
 
+Response complete(Services& services, const Call& call) {
+  const JobId id = job_id(call);
+  if (auto refused = scans_missing(call, services.jobs.job(id).next_scan)) {
+    return *std::move(refused);
+  }
+  return json_response(to_json(services.jobs.complete(id)), 202);
+}
+
 /// The stream of one follower: its state between two pieces.
 class Events {
  public:
@@ -145,8 +153,8 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"PUT", one + "/scans/{index}", {}, kMaxScanBody, {}, [&](const Call& call) {
                 return put_scan(services, call);
               }});
-  router.add({"POST", one + "/complete", {}, 1024, json, [&](const Call& call) {
-                return json_response(to_json(services.jobs.complete(job_id(call))), 202);
+  router.add({"POST", one + "/complete", {"scans"}, 1024, json, [&](const Call& call) {
+                return complete(services, call);
               }});
 }
 

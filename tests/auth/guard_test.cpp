@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <atomic>
 #include <fstream>
+#include <thread>
+#include <vector>
 
 #include "cellmap/core/error.hpp"
 #include "server/auth/token_file.hpp"
@@ -101,6 +105,28 @@ TEST_F(GuardTest, AReloadForgetsRevokedTokensAndABadFileChangesNothing) {
   std::ofstream(file_) << "nonsense\n";
   EXPECT_THROW(guard.reload(), Error);
   EXPECT_EQ(guard.admit(demand(b)).refusal, Refusal::kNone);
+}
+
+TEST_F(GuardTest, ManyAskWhileTheFileIsReadAgain) {
+  const auto kept = add("kept", {Scope::kMapRead}), going = add("going", {Scope::kMapRead});
+  Guard guard({.tokens = file_, .requests_per_s = 1e5});
+  std::atomic<int> refused = 0;
+  std::vector<std::thread> askers;
+  for (int i = 0; i < 4; ++i) {
+    askers.emplace_back([&, i] {
+      for (int k = 0; k < 500; ++k) {
+        if (guard.admit(demand(kept)).refusal != Refusal::kNone) ++refused;
+        const auto other = guard.admit(demand(going));
+        if (other.caller.token) guard.still_knows(*other.caller.token);
+        guard.admit({Scope::kMapRead, {}, "Bearer guess", std::to_string(i)});
+      }
+    });
+  }
+  remove_token(file_, "going");
+  for (int i = 0; i < 20; ++i) guard.reload();
+  for (auto& asker : askers) asker.join();
+  EXPECT_EQ(refused, 0);
+  EXPECT_EQ(guard.token_count(), 1u);
 }
 
 TEST_F(GuardTest, WithoutTokensNobodyIsAsked) {

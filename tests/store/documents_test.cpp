@@ -31,6 +31,15 @@ TEST_F(DocumentsTest, AreReplacedAsAWholeAndSurviveTheProcess) {
   EXPECT_EQ(documents().document("town", "other"), "three");
 }
 
+TEST_F(DocumentsTest, OneThatWasRemovedIsGoneAndTheOthersStay) {
+  documents().put_document("town", "comparison", "one");
+  documents().put_document("town", "other", "two");
+  documents().remove_document("town", "comparison");
+  documents().remove_document("town", "comparison");
+  EXPECT_FALSE(documents().document("town", "comparison"));
+  EXPECT_EQ(documents().document("town", "other"), "two");
+}
+
 TEST_F(DocumentsTest, GoWithTheirMap) {
   documents().put_document("town", "comparison", "one");
   store_->delete_map("town");

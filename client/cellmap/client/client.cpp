@@ -418,9 +418,11 @@ PutScanResult Client::put_scan(JobId id, const PosedScan& scan) {
                                  "PUT " + request.path);
 }
 
-Job Client::complete_upload(JobId id) {
+Job Client::complete_upload(JobId id, std::optional<std::uint64_t> scans) {
+  std::string path = job_path(id) + "/complete";
+  if (scans) path += "?scans=" + std::to_string(*scans);
   return client::job_from_json(
-      impl_->send_json({"POST", job_path(id) + "/complete", {{"accept", "application/json"}}, ""}));
+      impl_->send_json({"POST", std::move(path), {{"accept", "application/json"}}, ""}));
 }
 
 Job Client::cancel_job(JobId id) {

@@ -197,8 +197,9 @@ class Client {
   /// Sends the next scan of an upload. Another index being expected is a value; a full queue
   /// is waited out as Retry-After says, then Error{kUnavailable}.
   PutScanResult put_scan(JobId id, const PosedScan& scan);
-  /// Says that there are no more scans.
-  Job complete_upload(JobId id);
+  /// Says that there are no more scans; with `scans`, that there were so many: Error{kConflict}
+  /// where the server expects another one next, so that none is missing unnoticed.
+  Job complete_upload(JobId id, std::optional<std::uint64_t> scans = {});
   Job cancel_job(JobId id);
   /// Waits until a job reaches a final state, over server-sent events, or by asking every
   /// half second where those fail. Calls `on_progress` with what arrives. Returns the final job, or

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/staging.hpp"
 
 namespace cellmap {
 namespace {
@@ -25,22 +26,15 @@ ArchiveContents contents_of(const Store& store, const std::string& map) {
   return contents;
 }
 
-/// A map in the making: gone again unless it is finished.
+/// A map in the making: nobody sees it before it is whole, and it is gone again unless it is
+/// finished.
 class Restoration {
  public:
   Restoration(ArchiveReader& archive, Store& store, const std::string& map)
-      : archive_(archive), store_(store), map_(map) {
-    store_.create_map(map_, archive_.head().lattice);
-  }
-  ~Restoration() {
-    if (finished_) return;
-    try {
-      store_.delete_map(map_);
-    } catch (const Error&) {  // the first failure is the one to tell
-    }
-  }
-  Restoration(const Restoration&) = delete;
-  Restoration& operator=(const Restoration&) = delete;
+      : archive_(archive),
+        store_(store),
+        staged_(store, archive.head().lattice, map),
+        map_(staged_.name()) {}
 
   void make_sessions() {
     for (const ArchiveSession& session : archive_.footer().sessions) {
@@ -93,15 +87,14 @@ class Restoration {
     if (const auto& georeference = archive_.footer().georeference) {
       store_.set_georeference(map_, georeference);
     }
-    finished_ = true;
-    return store_.map(map_);
+    return staged_.publish();
   }
 
  private:
   ArchiveReader& archive_;
   Store& store_;
-  const std::string& map_;
-  bool finished_ = false;
+  StagedMap staged_;
+  const std::string& map_;  ///< its name until then
 };
 
 }  // namespace

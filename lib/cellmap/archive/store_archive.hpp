@@ -19,8 +19,9 @@ void archive_map(const Store& store, const std::string& map, ByteFile& file,
 
 /// Makes the map `map` of what an archive holds; CELLs keep their ids, constraints are numbered
 /// anew. Every hash is verified. Of a compact archive come the decoded planes: CELLs of their own,
-/// with hashes of their own. Throws Error{kAlreadyExists} where the name is taken; where it fails
-/// later, or is stopped, the map is deleted again. One CELL in memory at a time.
+/// with hashes of their own. The map appears when it is whole, in one transaction: where it fails, is
+/// stopped or killed, there is none. Throws Error{kAlreadyExists} where the name is taken. One CELL
+/// in memory at a time.
 MapInfo restore_map(ArchiveReader& archive, Store& store, const std::string& map,
                     const std::stop_token& stop = {}, const ProgressCallback& progress = {});
 

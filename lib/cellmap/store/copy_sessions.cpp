@@ -1,5 +1,7 @@
 #include "cellmap/store/copy_sessions.hpp"
 
+#include <algorithm>
+
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/all_cells.hpp"
@@ -7,15 +9,23 @@
 namespace cellmap {
 namespace {
 
+/// Whether a map has CELLs of other sessions: of these, a copy that broke off may have left some.
+bool has_others(const Store& store, const std::string& map, const std::set<std::string>& sessions) {
+  return std::ranges::any_of(store.sessions(map), [&](const SessionInfo& session) {
+    return session.cells > 0 && !sessions.contains(session.name);
+  });
+}
+
 /// One copy: what it knows of both maps.
 class Copy {
  public:
-  Copy(Store& store, const std::string& from, const std::string& to)
+  Copy(Store& store, const std::string& from, const std::set<std::string>& sessions,
+       const std::string& to)
       : store_(store),
         from_(from),
         to_(to),
         source_(store.pose_graph(from)),
-        joins_others_(store.map(to).cells > 0),
+        joins_others_(has_others(store, to, sessions)),
         next_(store.pose_graph(to).new_cell_id()) {
     if (store.map(from).lattice != store.map(to).lattice) {
       throw Error(ErrorCode::kInvalidArgument, "maps " + from + " and " + to +
@@ -89,7 +99,7 @@ std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
                                        const std::set<std::string>& sessions, const std::string& to,
                                        const std::stop_token& stop,
                                        const ProgressCallback& progress) {
-  Copy copy(store, from, to);
+  Copy copy(store, from, sessions, to);
   std::vector<std::pair<SessionInfo, std::vector<CellRecord>>> work;  // refused before it begins
   std::set<std::string> absent = sessions;
   for (const SessionInfo& session : store.sessions(from)) {

@@ -3,12 +3,15 @@
 #include <chrono>
 
 #include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/backup_store.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/sqlite_cells.hpp"
 #include "cellmap/store/sqlite_reads.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sqlite_staging.hpp"
 #include "cellmap/store/sqlite_writes.hpp"
+#include "cellmap/store/staging.hpp"
 #include "cellmap/store/store_file.hpp"
 #include "cellmap/store/validation.hpp"
 
@@ -63,7 +66,7 @@ struct SqliteWriter {
   std::unique_ptr<SqliteConnection> connection;
 };
 
-class SqliteStore final : public Store, public Documents {
+class SqliteStore final : public Store, public Documents, public Staging, public Backups {
  public:
   SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
       : file_(file),
@@ -74,7 +77,11 @@ class SqliteStore final : public Store, public Documents {
         cache_(options.cache_bytes),
         commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait,
                  kGroupCommitBatch) {
-    if (options.read_only) readers_.read(require_current_schema);
+    if (options.read_only) {
+      readers_.read(require_current_schema);
+    } else {
+      commits_.run([this] { remove_staged_maps(*writer_->connection); });
+    }
   }
 
   MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
@@ -118,13 +125,45 @@ class SqliteStore final : public Store, public Documents {
     });
   }
 
+  void remove_document(const std::string& map, const std::string& name) override {
+    write([&](SqliteConnection& c) {
+      Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
+          .run();
+    });
+  }
+
   std::vector<MapInfo> maps() const override {
-    return readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
+    auto all = readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
+    std::erase_if(all, [](const MapInfo& info) { return is_staged(info.name); });
+    return all;
   }
 
   MapInfo map(const std::string& name) const override {
     return readers_.read(
         [&](SqliteConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
+  }
+
+  std::string stage_map(const LatticeSpec& lattice) override {
+    lattice.validate();
+    std::string name;
+    write([&](SqliteConnection& c) { name = insert_staged_map(c, lattice, now()); });
+    return name;
+  }
+
+  void publish_map(const std::string& staged, const std::string& name,
+                   const std::optional<Along>& along) override {
+    validate_map_name(name);
+    if (along) validate(along->update);
+    const std::vector<Bytes> frames = along ? frames_of(along->update) : std::vector<Bytes>{};
+    write([&](SqliteConnection& c) {
+      rename_staged_map(c, staged, name);
+      if (along) apply_update(c, along->map, along->update, frames);
+    });
+  }
+
+  void back_up(const std::filesystem::path& to, const std::stop_token& stop,
+               const BackupProgress& progress) const override {
+    backup_store(file_, to, stop, progress);
   }
 
   MapVersion version(const std::string& name) const override {
@@ -136,9 +175,7 @@ class SqliteStore final : public Store, public Documents {
 
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
     validate(update);
-    std::vector<Bytes> frames;  // compressed here, so that writers do it at the same time
-    frames.reserve(update.cells.size());
-    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+    const std::vector<Bytes> frames = frames_of(update);
     CommitResult result;
     write([&](SqliteConnection& c) { result = apply_update(c, map, update, frames); });
     return result;
@@ -241,6 +278,14 @@ class SqliteStore final : public Store, public Documents {
   }
 
  private:
+  /// Compressed before the write, so that writers do it at the same time.
+  static std::vector<Bytes> frames_of(const MapUpdate& update) {
+    std::vector<Bytes> frames;
+    frames.reserve(update.cells.size());
+    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+    return frames;
+  }
+
   static CellRecord required_cell(SqliteConnection& connection, const std::string& map, CellId id) {
     std::optional<CellRecord> cell = find_cell(connection, read_map_row(connection, map).key, id);
     if (!cell) {

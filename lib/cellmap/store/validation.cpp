@@ -49,9 +49,12 @@ bool is_session_character(char c) {
 }
 
 void check_session(const std::string& session) {
-  if (session.empty() || session.size() > 64 ||
+  // "." and ".." would be parts of addresses that proxies and browsers resolve.
+  if (session.empty() || session.size() > 64 || session == "." || session == ".." ||
       !std::all_of(session.begin(), session.end(), is_session_character)) {
-    invalid("session: expected 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-'");
+    invalid(
+        "session: expected 1 to 64 characters of A-Z, a-z, 0-9, '.', '_' and '-', and not . "
+        "or .. alone");
   }
 }
 
