@@ -7,6 +7,7 @@
 #include <atomic>
 
 #include "cellmap/core/error.hpp"
+#include "server/api/failure.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/standard_headers.hpp"
 #include "server/api/text.hpp"
@@ -107,8 +108,13 @@ struct HttpServer::Impl : httplib::Server {
           return HandlerResponse::Handled;
         }));
     set_exception_handler([this](const httplib::Request& request, httplib::Response& response,
-                                 const std::exception_ptr&) {
-      answer(request, response, problem(ErrorCode::kInternal, "The server failed."), false);
+                                 const std::exception_ptr& failure) {
+      // What a handler throws, the API answers; so it was the reading of a body.
+      const std::string id = next_id();
+      log_failure(id, failure);
+      Response failed = problem_of(failure, id);
+      failed.headers.set("X-Request-Id", id);
+      answer(request, response, std::move(failed), false);
     });
     const auto bare = [this](const httplib::Request& request, httplib::Response& response) {
       answer(request, response, api.handle(read_head(request)), true);
@@ -123,6 +129,14 @@ struct HttpServer::Impl : httplib::Server {
     Put(".*", with_body);
     Patch(".*", with_body);
     Delete(".*", with_body);
+  }
+
+  void log_failure(const std::string& id, const std::exception_ptr& failure) {
+    try {
+      std::rethrow_exception(failure);
+    } catch (const std::exception& error) {
+      log->error("[{}] the body: {}", id, error.what());
+    }
   }
 
   server::Request read_head(const httplib::Request& request) {

@@ -10,6 +10,7 @@
 #include "client/cli/compare.hpp"
 #include "client/cli/diff.hpp"
 #include "client/cli/exit_code.hpp"
+#include "client/cli/store_care.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -47,6 +48,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_compare(app, verbs);
   add_archive(app, verbs);
   add_verify(app, verbs);
+  add_store_care(app, verbs);
   add_export(app, verbs);
   add_optimize(app, verbs);
 }

@@ -6,10 +6,13 @@
 #include <utility>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/staging.hpp"
 #include "server/api/access.hpp"
+#include "server/api/backup.hpp"
 #include "server/api/comparison.hpp"
 #include "server/api/conditions.hpp"
 #include "server/api/diff.hpp"
+#include "server/api/failure.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 #include "server/log.hpp"
@@ -69,6 +72,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_georeference_routes(router_, *services_);
   add_comparison_routes(router_, *services_);
   add_archive_routes(router_, *services_);
+  add_backup_route(router_, *services_);
   add_job_routes(router_, *services_);
 }
 
@@ -206,6 +210,9 @@ Response Api::answer(const Request& request, Exchange& exchange) const {
   if (!route.types.empty() && !negotiate(request.headers.get("Accept"), route.types)) {
     return not_acceptable(route.types.front());
   }
+  if (is_staged(exchange.map())) {  // which is nobody's business yet
+    return problem(ErrorCode::kNotFound, "There is no map " + in_quotes(exchange.map()) + ".");
+  }
   check_query(route, exchange.target.query);
   if (request.body.size() > route.max_body) {
     throw Error(ErrorCode::kTooLarge,
@@ -220,17 +227,15 @@ Response Api::answer(const Request& request, Exchange& exchange) const {
 /// The one place where errors become problem documents.
 template <class Answer>
 Response Api::caught(const Request& request, const Exchange& exchange, const Answer& answer) const {
-  const auto failed = [&](const char* what) {
-    services_->log->error("[{}] {} {}: {}", request.id, request.method, exchange.pattern(), what);
-    return "The server failed; its log names the request " + in_quotes(request.id) + ".";
-  };
   try {
     return answer();
-  } catch (const Error& error) {
-    if (status_of(error.code()) != 500) return problem(error);
-    return problem(error.code(), failed(error.what()));
   } catch (const std::exception& error) {
-    return problem(ErrorCode::kInternal, failed(error.what()));
+    Response response = problem_of(std::current_exception(), request.id);
+    if (response.status >= 500 && response.status != 503) {
+      services_->log->error("[{}] {} {}: {}", request.id, request.method, exchange.pattern(),
+                            error.what());
+    }
+    return response;
   }
 }
 

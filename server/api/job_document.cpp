@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "server/api/problem.hpp"
+
 namespace cellmap::server {
 namespace {
 
@@ -39,6 +41,16 @@ Json to_json(const JobView& job) {
           {"error", error},
           {"created", to_rfc3339(record.created)},
           {"updated", to_rfc3339(std::max(record.updated, record.created))}};
+}
+
+std::optional<Response> scans_missing(const Call& call,
+                                      const std::optional<std::uint64_t>& next_scan) {
+  const auto scans = call.query_integer("scans", 0, UINT64_MAX);
+  if (!scans || !next_scan || *scans == *next_scan) return std::nullopt;
+  return problem(ErrorCode::kConflict,
+                 "The drive has " + std::to_string(*scans) + " scans; send them from scan " +
+                     std::to_string(*next_scan) + " on.",
+                 next_scan);
 }
 
 }  // namespace cellmap::server

@@ -8,7 +8,8 @@
 #include "server/api/job_document.hpp"
 #include "server/api/problem.hpp"
 
-// /v1/maps/{map}/jobs, /v1/maps/{map}/merge and /v1/jobs/{job} with events, scans and complete.
+// /v1/maps/{map}/jobs, /v1/maps/{map}/merge, /v1/maps/{map}/convert and /v1/jobs/{job} with events,
+// scans and complete.
 
 namespace cellmap::server {
 namespace {
@@ -45,6 +46,13 @@ Response create_merge(Services& services, const Call& call) {
   return response;
 }
 
+Response create_convert(Services& services, const Call& call) {
+  const JobView job = services.jobs.submit_convert(call.path("map"), call.json());
+  Response response = json_response(to_json(job), 202);
+  response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
+  return response;
+}
+
 Response put_scan(Services& services, const Call& call) {
   const JobId id = job_id(call);
   const std::uint32_t index = call.path_id("index");
@@ -71,6 +79,14 @@ Response put_scan(Services& services, const Call& call) {
   Response response;
   response.status = 204;
   return response;
+}
+
+Response complete(Services& services, const Call& call) {
+  const JobId id = job_id(call);
+  if (auto refused = scans_missing(call, services.jobs.job(id).next_scan)) {
+    return *std::move(refused);
+  }
+  return json_response(to_json(services.jobs.complete(id)), 202);
 }
 
 /// The stream of one follower: its state between two pieces.
@@ -126,6 +142,9 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"POST", of_map, {}, kMaxJobBody, json, [&](const Call& call) {
                 return create(services, call);
               }});
+  router.add({"POST", "/v1/maps/{map}/convert", {}, kMaxJobBody, json, [&](const Call& call) {
+                return create_convert(services, call);
+              }});
   router.add({"POST", "/v1/maps/{map}/merge", {}, kMaxJobBody, json, [&](const Call& call) {
                 return create_merge(services, call);
               }});
@@ -145,8 +164,8 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"PUT", one + "/scans/{index}", {}, kMaxScanBody, {}, [&](const Call& call) {
                 return put_scan(services, call);
               }});
-  router.add({"POST", one + "/complete", {}, 1024, json, [&](const Call& call) {
-                return json_response(to_json(services.jobs.complete(job_id(call))), 202);
+  router.add({"POST", one + "/complete", {"scans"}, 1024, json, [&](const Call& call) {
+                return complete(services, call);
               }});
 }
 

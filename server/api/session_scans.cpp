@@ -242,6 +242,10 @@ Response complete(Services& services, const Call& call) {
   const auto& session = call.path("session");
   services.store.version(map);  // throws where there is no such map
   Standing standing = standing_of(services, map, session);
+  auto refused = scans_missing(call, standing.next_scan);
+  if (refused && standing.state != State::kNew && standing.state != State::kStopped) {
+    return *std::move(refused);
+  }
   switch (standing.state) {
     case State::kNew:
       throw Error(ErrorCode::kNotFound, "No scan of session " + in_quotes(session) + " has come.");
@@ -270,7 +274,7 @@ void add_session_scan_routes(Router& router, Services& services) {
   router.add({"POST", scans, {}, kMaxScanBatchBytes, json, [&](const Call& call) {
                 return post(services, call);
               }});
-  router.add({"POST", scans + ":complete", {}, 1024, json, [&](const Call& call) {
+  router.add({"POST", scans + ":complete", {"scans"}, 1024, json, [&](const Call& call) {
                 return complete(services, call);
               }});
 }

@@ -1,5 +1,6 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/copy_sessions.hpp"
+#include "cellmap/store/staging.hpp"
 #include "server/api/access.hpp"
 #include "server/api/api.hpp"
 
@@ -31,7 +32,7 @@ SplitRequest read_request(const Json& json) {
   return request;
 }
 
-/// The sessions leave only when they are stored in the other map.
+/// The sessions leave in the transaction that shows them in the other map.
 Response split(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const SplitRequest request = read_request(call.json());
@@ -41,18 +42,13 @@ Response split(Services& services, const Call& call) {
   if (services.jobs.has_unfinished(state->name())) {
     throw Error(ErrorCode::kConflict, "The map has unfinished jobs; cancel them first.");
   }
-  store.create_map(request.into, state->lattice()->spec());
-  try {
-    copy_sessions(store, state->name(), request.sessions, request.into);
-  } catch (...) {
-    store.delete_map(request.into);
-    throw;
-  }
-  store.set_georeference(request.into, store.map(state->name()).georeference);
-  MapUpdate update;
-  update.remove_sessions = request.sessions;
-  store.commit(state->name(), update);
-  Response response = json_response(to_json(store.map(request.into)), 201);
+  StagedMap staged(store, state->lattice()->spec(), request.into);
+  store.set_form(staged.name(), store.map(state->name()).form);
+  copy_sessions(store, state->name(), request.sessions, staged.name());
+  store.set_georeference(staged.name(), store.map(state->name()).georeference);
+  Staging::Along along{state->name(), {}};
+  along.update.remove_sessions = request.sessions;
+  Response response = json_response(to_json(staged.publish(along)), 201);
   response.headers.set("Location", "/v1/maps/" + request.into);
   return response;
 }

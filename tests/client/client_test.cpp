@@ -286,7 +286,8 @@ struct UploadServer {
     if (request.path == "/v1/maps/m/jobs" && other_job_runs) {
       return answer_problem(response, 409, "conflict", "session s is being ingested");
     }
-    if (request.path.ends_with("/complete")) {
+    if (request.path.ends_with("/complete") ||
+        request.path.find("/complete?scans=") != std::string::npos) {
       complete = true;
       state = JobState::kSucceeded;
     }

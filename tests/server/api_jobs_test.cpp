@@ -123,6 +123,14 @@ TEST_F(ApiJobs, AnUploadGoesOnAfterARestartAndTheMapIsTheSame) {
   const Json resumed = json_of(get("/v1/jobs/" + id.dump()));
   EXPECT_THAT(resumed["state"], ::testing::AnyOf("queued", "running"));
   EXPECT_EQ(resumed["next_scan"], 7);  // the base scan of the last stored CELL
+  // Who had sent all scans before is told which are lost, instead of ending a drive that lacks
+  // some.
+  for (const std::string& path : {"/v1/jobs/" + id.dump() + "/complete",
+                                 std::string("/v1/maps/uploaded/sessions/drive/scans:complete")}) {
+    const auto early = send("POST", path + "?scans=" + std::to_string(kScans));
+    expect_problem(early, 409, "conflict");
+    EXPECT_EQ(json_of(early)["next_scan"], 7);
+  }
   put_scans(id, kScans);
   send("POST", "/v1/jobs/" + id.dump() + "/complete");
   EXPECT_EQ(ended_job({{"id", id}})["state"], "succeeded");

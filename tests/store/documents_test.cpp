@@ -4,6 +4,7 @@
 
 #include "cellmap/store/sqlite_connection.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "store/older_schema.hpp"
 #include "support/expect_error.hpp"
 #include "support/temp_folder.hpp"
 
@@ -31,6 +32,15 @@ TEST_F(DocumentsTest, AreReplacedAsAWholeAndSurviveTheProcess) {
   EXPECT_EQ(documents().document("town", "other"), "three");
 }
 
+TEST_F(DocumentsTest, OneThatWasRemovedIsGoneAndTheOthersStay) {
+  documents().put_document("town", "comparison", "one");
+  documents().put_document("town", "other", "two");
+  documents().remove_document("town", "comparison");
+  documents().remove_document("town", "comparison");
+  EXPECT_FALSE(documents().document("town", "comparison"));
+  EXPECT_EQ(documents().document("town", "other"), "two");
+}
+
 TEST_F(DocumentsTest, GoWithTheirMap) {
   documents().put_document("town", "comparison", "one");
   store_->delete_map("town");
@@ -56,6 +66,7 @@ TEST_F(DocumentsTest, CanBeKeptByAStoreThatWasMadeBeforeThem) {
   store_.reset();
   {
     SqliteConnection connection(file_, SqliteAccess::kReadWrite, 1000);
+    connection.execute(test::kUndoSchema5);
     connection.execute("DROP TABLE document; PRAGMA user_version = 3");
   }
   store_ = open_sqlite_store(file_);

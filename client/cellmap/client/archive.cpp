@@ -3,18 +3,16 @@
 #include <nlohmann/json.hpp>
 
 #include "cellmap/client/client_impl.hpp"
+#include "cellmap/client/download.hpp"
 #include "cellmap/client/json.hpp"
 #include "cellmap/client/range_source.hpp"
 #include "cellmap/client/transport.hpp"
-#include "cellmap/core/error.hpp"
-#include "cellmap/core/progress.hpp"
 
 namespace cellmap {
 namespace {
 
 constexpr char kArchiveType[] = "application/vnd.cellmap.archive";
 constexpr std::size_t kPieceBytes = 4u << 20;
-constexpr int kAttempts = 5;
 
 std::string archive_path(const std::string& map) { return client::map_path(map) + "/archive"; }
 
@@ -26,20 +24,6 @@ std::string query_of(const ArchiveOptions& options) {
   return query;
 }
 
-void copy(ByteSource& from, ByteFile& to, const std::stop_token& stop,
-          const ByteProgress& progress) {
-  from.restart();
-  to.resize(0);
-  const std::uint64_t size = from.size();
-  for (std::uint64_t done = 0; done < size;) {
-    throw_if_stopped(stop);
-    const Bytes piece = from.read(done, kPieceBytes);
-    to.write(done, piece);
-    done += piece.size();
-    if (progress) progress(done, size);
-  }
-}
-
 }  // namespace
 
 void download_archive(const ClientOptions& options, const std::string& map,
@@ -48,14 +32,7 @@ void download_archive(const ClientOptions& options, const std::string& map,
   const ServerUrl server = parse_server_url(options.url);
   const auto source =
       open_http_file(to_string(server) + archive_path(map) + query_of(archive), options);
-  for (int attempt = 1;; ++attempt) {
-    try {
-      copy(*source, file, stop, progress);
-      return;
-    } catch (const Error& error) {
-      if (error.code() != ErrorCode::kPreconditionFailed || attempt == kAttempts) throw;
-    }
-  }
+  client::download(*source, file, stop, progress);
 }
 
 MapInfo upload_archive(const ClientOptions& options, const std::string& map, ByteSource& archive) {

@@ -52,6 +52,7 @@ class Client {
  public:
   /// Checks options and address, opens the cache; does not connect.
   explicit Client(ClientOptions options);
+  const ClientOptions& options() const;
   ~Client();
   Client(Client&&) noexcept;
   Client& operator=(Client&&) noexcept;
@@ -70,9 +71,14 @@ class Client {
 
   std::vector<MapInfo> maps();
   /// Error{kAlreadyExists} where the name is taken. Not idempotent.
-  MapInfo create_map(const std::string& name, const LatticeSpec& lattice = {});
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice = {},
+                     const CellForm& form = {});
   MapInfo map(const std::string& name);
   void delete_map(const std::string& name);
+  /// Starts the job that brings a map's CELLs into a form, also those to come. Error{kConflict}
+  /// where CELLs are kept within a wider bound. Not idempotent, but done twice it changes nothing
+  /// more.
+  Job convert(const std::string& map, const CellForm& form);
 
   // --- CELLs --------------------------------------------------------------------------------
 
@@ -197,8 +203,9 @@ class Client {
   /// Sends the next scan of an upload. Another index being expected is a value; a full queue
   /// is waited out as Retry-After says, then Error{kUnavailable}.
   PutScanResult put_scan(JobId id, const PosedScan& scan);
-  /// Says that there are no more scans.
-  Job complete_upload(JobId id);
+  /// Says that there are no more scans; with `scans`, that there were so many: Error{kConflict}
+  /// where the server expects another one next, so that none is missing unnoticed.
+  Job complete_upload(JobId id, std::optional<std::uint64_t> scans = {});
   Job cancel_job(JobId id);
   /// Waits until a job reaches a final state, over server-sent events, or by asking every
   /// half second where those fail. Calls `on_progress` with what arrives. Returns the final job, or

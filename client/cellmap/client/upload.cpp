@@ -69,6 +69,25 @@ Job wait_until_it_runs(Client& client, Job job, const UploadOptions& options,
   return job;
 }
 
+bool is_lost(const Error& error) {
+  return error.code() == ErrorCode::kUnavailable || error.code() == ErrorCode::kIo;
+}
+
+/// Asks again while the server cannot be reached.
+template <typename Call>
+std::invoke_result_t<Call> while_lost(const UploadOptions& options, const std::stop_token& stop,
+                                      const Call& call) {
+  const Patience patience(options.lost_patience);
+  for (;;) {
+    try {
+      return call();
+    } catch (const Error& error) {
+      if (!is_lost(error) || patience.over() || stop.stop_requested()) throw;
+    }
+    std::this_thread::sleep_for(options.poll);
+  }
+}
+
 /// Hands a drive over, several scans a request, and goes back where the server asks for it.
 class Sender {
  public:
@@ -90,7 +109,10 @@ class Sender {
     while (!stop_.stop_requested()) {
       wait_for_room();
       read_ahead();
-      if (scans_.empty()) return patiently([&] { return client_.complete_upload(job_.id); });
+      if (scans_.empty()) {
+        if (const auto completed = complete()) return *completed;
+        continue;
+      }
       const auto standing = send();
       if (!standing) break;
       take(*standing);
@@ -103,6 +125,7 @@ class Sender {
  private:
   void go_to(std::uint64_t index) {
     scans_.clear();
+    next_ = index;
     ended_ = source_.size() > 0 && index >= source_.size();
     if (!ended_) source_.seek(index);
     per_request_ = 1;  // a job that goes on reads one scan, then asks for a later one
@@ -112,6 +135,7 @@ class Sender {
   void go_on_at(std::uint64_t next) {
     const std::uint64_t first = scans_.front().index, end = scans_.back().index + 1;
     if (next < first || next > end) return go_to(next);
+    next_ = next;
     scans_.erase(scans_.begin(), scans_.begin() + static_cast<std::ptrdiff_t>(next - first));
     per_request_ = options_.scans_per_request;
   }
@@ -158,22 +182,24 @@ class Sender {
     return std::nullopt;
   }
 
-  static bool is_lost(const Error& error) {
-    return error.code() == ErrorCode::kUnavailable || error.code() == ErrorCode::kIo;
-  }
-
-  /// Asks again while the server cannot be reached.
   template <typename Call>
   std::invoke_result_t<Call> patiently(const Call& call) {
-    const Patience patience(options_.lost_patience);
-    for (;;) {
-      try {
-        return call();
-      } catch (const Error& error) {
-        if (!is_lost(error) || patience.over() || stop_.stop_requested()) throw;
-      }
-      std::this_thread::sleep_for(options_.poll);
+    return while_lost(options_, stop_, call);
+  }
+
+  /// Says how many scans there were: a server that was restarted meanwhile, and lost those that
+  /// were not in a CELL yet, refuses, and is sent them again (nullopt).
+  std::optional<Job> complete() {
+    try {
+      return patiently([&] { return client_.complete_upload(job_.id, next_); });
+    } catch (const Error& error) {
+      if (error.code() != ErrorCode::kConflict) throw;
+      job_ = patiently([&] { return client_.job(job_.id); });
+      throw_if_failed(job_);
+      if (is_final(job_.state) || !job_.next_scan || *job_.next_scan == next_) throw;
     }
+    go_to(*job_.next_scan);
+    return std::nullopt;
   }
 
   void take(const SessionScans& standing) {
@@ -205,6 +231,7 @@ class Sender {
   std::stop_token stop_;
   Job job_;
   std::vector<PosedScan> scans_;  // read and not yet taken
+  std::uint64_t next_ = 0;        // the scan that the server expects
   std::size_t per_request_ = 1;
   std::uint64_t room_ = 1;
   bool ended_ = false;  // the source gave its last scan
@@ -230,6 +257,24 @@ Job upload_drive(Client& client, const std::string& map, IngestRequest request, 
   throw_if_failed(job);
   if (is_final(job.state) || stop.stop_requested()) return job;
   return Sender(client, map, request.session, source, options, on_progress, stop).run(job);
+}
+
+Job deliver_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
+                  const UploadOptions& options, const std::function<void(const Job&)>& on_progress,
+                  std::stop_token stop) {
+  for (;;) {
+    Job job = upload_drive(client, map, request, source, options, on_progress, stop);
+    bool has_all = true;
+    while (has_all && !is_final(job.state) && !stop.stop_requested()) {
+      std::this_thread::sleep_for(options.poll);
+      const SessionScans standing =
+          while_lost(options, stop, [&] { return client.session_scans(map, request.session); });
+      if (standing.job) job = *standing.job;
+      if (on_progress) on_progress(job);
+      has_all = standing.state != SessionScans::State::kMapping;
+    }
+    if (has_all) return job;
+  }
 }
 
 SentCells upload_cells(Client& client, const std::string& map, const std::string& session,

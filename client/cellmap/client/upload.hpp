@@ -64,4 +64,12 @@ Job upload_drive(Client& client, const std::string& map, IngestRequest request, 
                  const std::function<void(const Job&)>& on_progress = {},
                  std::stop_token stop = {});
 
+/// The same, and waits until the drive is in the map: returns the job when it has ended, or as it
+/// is where a stop is requested. A server that is killed before that has kept whole CELLs only; it
+/// is sent the other scans once more, so the map is the same as without that.
+Job deliver_drive(Client& client, const std::string& map, IngestRequest request, ScanSource& source,
+                  const UploadOptions& options = {},
+                  const std::function<void(const Job&)>& on_progress = {},
+                  std::stop_token stop = {});
+
 }  // namespace cellmap

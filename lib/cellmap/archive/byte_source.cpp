@@ -9,7 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "cellmap/core/error.hpp"
+#include "cellmap/core/disk_full.hpp"
 
 namespace cellmap {
 namespace {
@@ -68,6 +68,10 @@ class LocalFile : public ByteFile {
 
  private:
   [[noreturn]] void fail(const char* what) const {
+    if (errno == ENOSPC || errno == EDQUOT || errno == EFBIG) {
+      throw DiskFull("there is no room for '" + name_ + "': " + std::strerror(errno) +
+                     "; free space and repeat");
+    }
     throw Error(ErrorCode::kIo, std::string(what) + " '" + name_ + "': " + std::strerror(errno));
   }
 

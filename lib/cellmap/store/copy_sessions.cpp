@@ -1,21 +1,31 @@
 #include "cellmap/store/copy_sessions.hpp"
 
-#include "cellmap/codec/zstd.hpp"
+#include <algorithm>
+
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/all_cells.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap {
 namespace {
 
+/// Whether a map has CELLs of other sessions: of these, a copy that broke off may have left some.
+bool has_others(const Store& store, const std::string& map, const std::set<std::string>& sessions) {
+  return std::ranges::any_of(store.sessions(map), [&](const SessionInfo& session) {
+    return session.cells > 0 && !sessions.contains(session.name);
+  });
+}
+
 /// One copy: what it knows of both maps.
 class Copy {
  public:
-  Copy(Store& store, const std::string& from, const std::string& to)
+  Copy(Store& store, const std::string& from, const std::set<std::string>& sessions,
+       const std::string& to)
       : store_(store),
         from_(from),
         to_(to),
         source_(store.pose_graph(from)),
-        joins_others_(store.map(to).cells > 0),
+        joins_others_(has_others(store, to, sessions)),
         next_(store.pose_graph(to).new_cell_id()) {
     if (store.map(from).lattice != store.map(to).lattice) {
       throw Error(ErrorCode::kInvalidArgument, "maps " + from + " and " + to +
@@ -43,9 +53,10 @@ class Copy {
   void add(const CellRecord& record, const CellScans* stretch) {
     NewCell cell;
     cell.id = next_;
-    cell.encoded = {record.hash,
-                    zstd_decompress(*store_.compressed_cell(from_, record.id), kMaxCellBytes)};
-    cell.cell = std::make_shared<const Cell>(decode_cell(cell.encoded.bytes));
+    KeptCell kept = read_kept_cell(store_, from_, record.id);
+    cell.cell = std::move(kept.cell);
+    cell.encoded = std::move(kept.encoded);
+    cell.coded = std::move(kept.coded);
     cell.T_map_cell = source_.nodes.at(record.id);
     cell.unaligned = joins_others_ || source_.unaligned.contains(record.id);
     if (stretch) {
@@ -89,7 +100,7 @@ std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
                                        const std::set<std::string>& sessions, const std::string& to,
                                        const std::stop_token& stop,
                                        const ProgressCallback& progress) {
-  Copy copy(store, from, to);
+  Copy copy(store, from, sessions, to);
   std::vector<std::pair<SessionInfo, std::vector<CellRecord>>> work;  // refused before it begins
   std::set<std::string> absent = sessions;
   for (const SessionInfo& session : store.sessions(from)) {

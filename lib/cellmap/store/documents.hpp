@@ -23,6 +23,8 @@ class Documents {
   /// nullopt where none was kept; Error{kNotFound} where there is no such map.
   virtual std::optional<std::string> document(const std::string& map,
                                               const std::string& name) const = 0;
+  /// One that is not there is gone already; Error{kNotFound} where there is no such map.
+  virtual void remove_document(const std::string& map, const std::string& name) = 0;
 };
 
 /// The documents of a store. Throws Error{kUnsupported} for an engine that keeps none.

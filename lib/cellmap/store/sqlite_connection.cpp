@@ -5,6 +5,8 @@
 
 #include <limits>
 
+#include "cellmap/core/disk_full.hpp"
+
 namespace cellmap {
 namespace {
 
@@ -19,9 +21,8 @@ namespace {
           ErrorCode::kCorruptData,
           "store: its file is damaged or no store at all; restore it from a backup" + detail);
     case SQLITE_FULL:
-      throw Error(
-          ErrorCode::kIo,
-          "store: the disk is full and nothing was changed; free space and repeat" + detail);
+      throw DiskFull("store: the disk is full and nothing was changed; free space and repeat" +
+                     detail);
     case SQLITE_IOERR:
     case SQLITE_CANTOPEN:
     case SQLITE_PERM:

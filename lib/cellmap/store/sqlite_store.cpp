@@ -3,12 +3,15 @@
 #include <chrono>
 
 #include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/backup_store.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/sqlite_cells.hpp"
 #include "cellmap/store/sqlite_reads.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sqlite_staging.hpp"
 #include "cellmap/store/sqlite_writes.hpp"
+#include "cellmap/store/staging.hpp"
 #include "cellmap/store/store_file.hpp"
 #include "cellmap/store/validation.hpp"
 
@@ -63,7 +66,7 @@ struct SqliteWriter {
   std::unique_ptr<SqliteConnection> connection;
 };
 
-class SqliteStore final : public Store, public Documents {
+class SqliteStore final : public Store, public Documents, public Staging, public Backups {
  public:
   SqliteStore(const std::filesystem::path& file, const SqliteStoreOptions& options)
       : file_(file),
@@ -74,15 +77,21 @@ class SqliteStore final : public Store, public Documents {
         cache_(options.cache_bytes),
         commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait,
                  kGroupCommitBatch) {
-    if (options.read_only) readers_.read(require_current_schema);
+    if (options.read_only) {
+      readers_.read(require_current_schema);
+    } else {
+      commits_.run([this] { remove_staged_maps(*writer_->connection); });
+    }
   }
 
-  MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice,
+                     const CellForm& form) override {
     validate_map_name(name);
     lattice.validate();
+    form.validate();
     MapInfo created;
     write([&](SqliteConnection& c) {
-      insert_map(c, name, lattice, now());
+      insert_map(c, name, lattice, form, now());
       created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
     });
     return created;
@@ -96,6 +105,11 @@ class SqliteStore final : public Store, public Documents {
                         const std::optional<Georeference>& georeference) override {
     if (georeference) georeference->validate();
     write([&](SqliteConnection& c) { write_georeference(c, map, georeference); });
+  }
+
+  void set_form(const std::string& map, const CellForm& form) override {
+    form.validate();
+    write([&](SqliteConnection& c) { write_form(c, map, form); });
   }
 
   void put_document(const std::string& map, const std::string& name,
@@ -118,13 +132,45 @@ class SqliteStore final : public Store, public Documents {
     });
   }
 
+  void remove_document(const std::string& map, const std::string& name) override {
+    write([&](SqliteConnection& c) {
+      Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
+          .run();
+    });
+  }
+
   std::vector<MapInfo> maps() const override {
-    return readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
+    auto all = readers_.read([&](SqliteConnection& c) { return read_maps(c, summaries_); });
+    std::erase_if(all, [](const MapInfo& info) { return is_staged(info.name); });
+    return all;
   }
 
   MapInfo map(const std::string& name) const override {
     return readers_.read(
         [&](SqliteConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
+  }
+
+  std::string stage_map(const LatticeSpec& lattice) override {
+    lattice.validate();
+    std::string name;
+    write([&](SqliteConnection& c) { name = insert_staged_map(c, lattice, now()); });
+    return name;
+  }
+
+  void publish_map(const std::string& staged, const std::string& name,
+                   const std::optional<Along>& along) override {
+    validate_map_name(name);
+    if (along) validate(along->update);
+    const UpdateFrames frames = along ? frames_of(along->update) : UpdateFrames{};
+    write([&](SqliteConnection& c) {
+      rename_staged_map(c, staged, name);
+      if (along) apply_update(c, along->map, along->update, frames);
+    });
+  }
+
+  void back_up(const std::filesystem::path& to, const std::stop_token& stop,
+               const BackupProgress& progress) const override {
+    backup_store(file_, to, stop, progress);
   }
 
   MapVersion version(const std::string& name) const override {
@@ -136,9 +182,7 @@ class SqliteStore final : public Store, public Documents {
 
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
     validate(update);
-    std::vector<Bytes> frames;  // compressed here, so that writers do it at the same time
-    frames.reserve(update.cells.size());
-    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+    const UpdateFrames frames = frames_of(update);
     CommitResult result;
     write([&](SqliteConnection& c) { result = apply_update(c, map, update, frames); });
     return result;
@@ -179,14 +223,22 @@ class SqliteStore final : public Store, public Documents {
     });
   }
 
-  std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const override {
+  StoredCell stored_cell(const std::string& map, CellId id) const override {
     return readers_.read([&](SqliteConnection& c) {
-      const ContentHash hash = required_cell(c, map, id).hash;
-      if (auto cached = cache_.find(hash)) return cached;
-      auto blob = read_blob(c, hash);
-      cache_.insert(hash, blob);
-      return blob;
+      const auto kept = find_kept(c, read_map_row(c, map).key, id);
+      if (!kept) throw no_cell(map, id);
+      StoredCell cell{kept->hash, kept->form, cache_.find(kept->content)};
+      if (cell.frame) return cell;
+      cell.frame = read_blob(c, kept->content);
+      cache_.insert(kept->content, cell.frame);
+      return cell;
     });
+  }
+
+  std::vector<CellKeeping> keeping(const std::string& map,
+                                   const std::optional<std::string>& session) const override {
+    return readers_.read(
+        [&](SqliteConnection& c) { return read_keeping(c, read_map_row(c, map).key, session); });
   }
 
   std::optional<CellRecord> last_cell(const std::string& map,
@@ -241,12 +293,30 @@ class SqliteStore final : public Store, public Documents {
   }
 
  private:
+  /// Compressed before the write, so that writers do it at the same time.
+  static UpdateFrames frames_of(const MapUpdate& update) {
+    UpdateFrames frames;
+    for (const NewCell& cell : update.cells) {
+      frames.cells.push_back(frame_of(cell.encoded, cell.coded));
+    }
+    for (const auto& [id, cell] : update.recoded) {
+      frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
+    }
+    return frames;
+  }
+
   static CellRecord required_cell(SqliteConnection& connection, const std::string& map, CellId id) {
     std::optional<CellRecord> cell = find_cell(connection, read_map_row(connection, map).key, id);
-    if (!cell) {
-      throw Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
-    }
+    if (!cell) throw no_cell(map, id);
     return *std::move(cell);
+  }
+
+  static Error no_cell(const std::string& map, CellId id) {
+    return Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+  }
+
+  static Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
+    return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
   }
 
   /// Returns when what `change(connection)` did is durable; then wakes who waits for changes.

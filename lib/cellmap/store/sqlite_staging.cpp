@@ -1,0 +1,41 @@
+#include "cellmap/store/sqlite_staging.hpp"
+
+#include <vector>
+
+#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sqlite_writes.hpp"
+
+namespace cellmap {
+
+std::string insert_staged_map(SqliteConnection& connection, const LatticeSpec& lattice,
+                              Stamp created) {
+  // Above every key that is in use, so above the number of every staged map.
+  const std::int64_t number = connection.integer("SELECT COALESCE(MAX(id), 0) + 1 FROM map");
+  std::string name = "." + std::to_string(number);
+  insert_map(connection, name, lattice, CellForm{}, created);
+  return name;
+}
+
+void rename_staged_map(SqliteConnection& connection, const std::string& staged,
+                       const std::string& name) {
+  {
+    Query row(connection, "SELECT 1 FROM map WHERE name = ?", name);
+    if (row.next()) {
+      throw Error(ErrorCode::kAlreadyExists, "there is a map named '" + name + "' already");
+    }
+  }
+  Query(connection, "UPDATE map SET name = ? WHERE id = ?", name,
+        read_map_row(connection, staged).key)
+      .run();
+}
+
+void remove_staged_maps(SqliteConnection& connection) {
+  std::vector<std::string> names;
+  {
+    Query rows(connection, "SELECT name FROM map WHERE name LIKE '.%'");
+    while (rows.next()) names.push_back(rows.text(0));
+  }
+  for (const std::string& name : names) remove_map(connection, name);
+}
+
+}  // namespace cellmap
