@@ -16,6 +16,17 @@ set(CPACK_DEBIAN_SERVER_PACKAGE_NAME cellmap-server)
 set(CPACK_COMPONENT_SERVER_DESCRIPTION "LiDAR map server and its web viewer")
 set(CPACK_DEBIAN_SERVER_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_SERVER_PACKAGE_SUGGESTS cellmap)
+set(CPACK_DEBIAN_SERVER_PACKAGE_CONTROL_EXTRA ${PROJECT_SOURCE_DIR}/server/deploy/postinst)
+# The unit was configured for the prefix of this build; a package's programs are in /usr/bin.
+file(WRITE ${CMAKE_BINARY_DIR}/unit_of_package.cmake [[
+file(GLOB_RECURSE units "${CPACK_TEMPORARY_DIRECTORY}/*/cellmapd.service")
+foreach(unit ${units})
+  file(READ ${unit} text)
+  string(REGEX REPLACE "ExecStart=[^ ]*/cellmapd" "ExecStart=/usr/bin/cellmapd" text "${text}")
+  file(WRITE ${unit} "${text}")
+endforeach()
+]])
+set(CPACK_PRE_BUILD_SCRIPTS ${CMAKE_BINARY_DIR}/unit_of_package.cmake)
 
 set(CPACK_DEBIAN_CLIENT_PACKAGE_NAME cellmap)
 set(CPACK_COMPONENT_CLIENT_DESCRIPTION "Elastic, lightweight LiDAR maps from the command line")

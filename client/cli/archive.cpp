@@ -8,10 +8,10 @@
 #include "cellmap/archive/store_archive.hpp"
 #include "cellmap/archive/update_archive.hpp"
 #include "cellmap/store/sqlite_store.hpp"
-#include "client/cli/archive_options.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_reader.hpp"
 #include "client/cli/map_text.hpp"
@@ -23,7 +23,8 @@ namespace {
 
 struct Options {
   Place place;
-  std::string map, file, encoding = "packed", bound = "20mm";
+  std::string map, file;
+  FormFlags form;
   bool update = false;
 };
 
@@ -64,8 +65,17 @@ void write_whole(const std::string& file, const Write& write) {
   }
 }
 
+ArchiveOptions archive_options(const Options& options) {
+  const auto form = options.form.form();
+  if (!form) return default_archive_options(open_reader(options.place)->map(options.map));
+  ArchiveOptions wanted;
+  wanted.encoding = form->encoding;
+  if (!form->is_exact()) wanted.bound_m = form->bound_m();
+  return wanted;
+}
+
 void write_archive(const Options& options, const Console& console) {
-  const ArchiveOptions wanted = archive_options(options.encoding, options.bound);
+  const ArchiveOptions wanted = archive_options(options);
   if (options.place.store.empty()) {
     const Interrupt interrupt;
     ProgressBar bar(console, "archive");
@@ -88,10 +98,27 @@ void write_archive(const Options& options, const Console& console) {
   });
 }
 
+/// Throws where a CELL of the archive is another one by now: its map was converted.
+void require_same_cells(const std::string& file, const std::vector<CellRecord>& of_map) {
+  ArchiveReader archive(open_file(file, FileMode::kRead));
+  std::map<CellId, ContentHash> hashes;
+  for (const CellRecord& record : of_map) hashes[record.id] = record.hash;
+  for (const ArchivedCell& listed : archive.cells()) {
+    const auto now = hashes.find(listed.id);
+    if (now == hashes.end() || now->second == listed.hash) continue;  // the pose graph says more
+    // A map that keeps CELLs compact names them by what they decode to.
+    if (encode_cell(archive.cell(listed.id).cell).hash == now->second) continue;
+    throw Error(ErrorCode::kConflict, "CELL " + std::to_string(listed.id.value) + " of '" + file +
+                                          "' is another one in the map by now; archive it anew");
+  }
+}
+
 void archive(const Options& options, const Console& console) {
   std::uint64_t written = 0;
   if (options.update) {
-    const PoseGraph graph = open_reader(options.place)->pose_graph(options.map);
+    const auto map = open_reader(options.place);
+    const PoseGraph graph = map->pose_graph(options.map);
+    require_same_cells(options.file, map->all_cells(options.map));
     written = update_archive(*open_file(options.file, FileMode::kUpdate), graph);
   } else {
     write_archive(options, console);
@@ -137,12 +164,14 @@ void add_archive(CLI::App& app, Verbs& verbs) {
       "  cellmap archive town --store map.db --out town.cellmap\n"
       "  cellmap archive town --server URL --encoding compact --bound 20mm --out town.cellmap\n"
       "  cellmap archive town --store map.db --out town.cellmap --update\n"
-      "packed keeps every bit; compact moves no point of a plane by more than the bound.\n"
+      "packed keeps every bit; compact moves no point of a plane by more than the bound, and is "
+      "copied\nwhere the map keeps its CELLs so.\n"
       "Read it with --archive, from a file or from any web server: 'cellmap relocalise'.\n",
       [archived](const Console& console) { archive(*archived, console); });
   verb->add_option("MAP", archived->map, "Name of the map")->required();
   verb->add_option("--out", archived->file, "File to write")->required();
-  add_archive_options(*verb, archived->encoding, archived->bound);
+  add_form_flags(*verb, archived->form,
+                 "How CELLs are archived; without it packed, or compact as the map keeps them");
   verb->add_flag("--update", archived->update,
                  "Only bring poses and constraints of the file up to date");
   add_place_options(*verb, archived->place, true);

@@ -6,6 +6,7 @@
 #include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/build_in_store.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_text.hpp"
 #include "client/cli/mapper_flags.hpp"
@@ -16,12 +17,14 @@ namespace {
 struct Options {
   DriveFlags drive;
   MapperFlags mapper;
+  FormFlags form;
   std::string store, map;
   int threads = 1;
 };
 
 void run(const Options& options, const Console& console) {
   const Interrupt interrupt;
+  const auto form = options.form.form();
   const MapperOptions mapper = options.mapper.mapper_options(options.threads);
   validate_map_name(options.map);
   const auto source = options.drive.open();
@@ -31,7 +34,7 @@ void run(const Options& options, const Console& console) {
   MapInfo map;
   {
     ProgressBar bar(console, "build");
-    map = build_in_store(*store, options.map, lattice, options.drive.session_name(), *source,
+    map = build_in_store(*store, options.map, lattice, form, options.drive.session_name(), *source,
                          mapper, interrupt.token(), [&](const Progress& p) {
                            bar.update(p.scans_done, p.scans_total,
                                       std::to_string(p.cells_done) + " CELLs");
@@ -49,6 +52,7 @@ void add_build(CLI::App& app, Verbs& verbs) {
       "  cellmap build drive --store map.db --map town\n"
       "  cellmap build kitti/00 --poses odometry.txt --pose-frame camera --angle-correction 0.205 "
       "--store map.db --map kitti00\n"
+      "  cellmap build drive --store map.db --map town --encoding compact --bound 20mm\n"
       "The same command again goes on where it was broken off.\n",
       [options](const Console& console) { run(*options, console); });
   add_drive_flags(*verb, options->drive);
@@ -57,6 +61,7 @@ void add_build(CLI::App& app, Verbs& verbs) {
   verb->add_option("--threads", options->threads, "Threads; 0: all. The bytes do not depend on it")
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
+  add_form_flags(*verb, options->form, "How CELLs are kept; without it as the map says, or raw");
   add_mapper_flags(*verb, options->mapper);
 }
 

@@ -1,15 +1,17 @@
 #include "client/cli/build_in_store.hpp"
 
 #include <set>
+#include <utility>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/build_map.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap::cli {
 namespace {
 
 MapInfo open_or_make(Store& store, const std::string& name,
-                     const std::optional<LatticeSpec>& lattice) {
+                     const std::optional<LatticeSpec>& lattice, const CellForm& form) {
   for (const MapInfo& map : store.maps()) {
     if (map.name != name) continue;
     if (lattice && map.lattice != *lattice) {
@@ -19,11 +21,11 @@ MapInfo open_or_make(Store& store, const std::string& name,
     }
     return map;
   }
-  return store.create_map(name, lattice.value_or(LatticeSpec{}));
+  return store.create_map(name, lattice.value_or(LatticeSpec{}), form);
 }
 
 std::shared_ptr<const Cell> load(const Store& store, const std::string& map, CellId id) {
-  return std::make_shared<const Cell>(decode_stored_cell(*store.compressed_cell(map, id)));
+  return std::make_shared<const Cell>(read_cell(store, map, id));
 }
 
 /// Puts mapper and source behind the last stored CELL of the session, and says how many CELLs it
@@ -44,10 +46,11 @@ std::optional<std::size_t> go_on(const Store& store, const std::string& map,
 }  // namespace
 
 MapInfo build_in_store(Store& store, const std::string& map,
-                       const std::optional<LatticeSpec>& lattice, const std::string& session,
+                       const std::optional<LatticeSpec>& lattice,
+                       const std::optional<CellForm>& form, const std::string& session,
                        ScanSource& source, const MapperOptions& options,
                        const std::stop_token& stop, const ProgressCallback& progress) {
-  const MapInfo info = open_or_make(store, map, lattice);
+  const MapInfo info = open_or_make(store, map, lattice, form.value_or(CellForm{}));
   const auto directions = std::make_shared<const Lattice>(info.lattice);
   const auto places = std::make_shared<PlaceIndex>();
   std::set<CellId> indexed;
@@ -65,8 +68,14 @@ MapInfo build_in_store(Store& store, const std::string& map,
   Mapper mapper(options, session, directions, store.pose_graph(map), access);
   const auto done = go_on(store, map, session, source, mapper);
   if (!done) return info;
+  std::optional<KeptCell> kept;
+  mapper.on_finished([&](std::shared_ptr<const Cell> cell) {
+    kept = keep_cell(std::move(cell), form.value_or(info.form));
+    return kept->cell;
+  });
   const auto commit = [&](CellUpdate&& update) {
-    mapper.number(store.commit(map, to_map_update(std::move(update))).constraint_ids);
+    mapper.number(store.commit(map, to_map_update(std::move(update), std::exchange(kept, {})))
+                      .constraint_ids);
   };
   build_map(source, mapper, commit, stop, [&](Progress state) {
     state.cells_done += *done;

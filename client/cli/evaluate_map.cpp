@@ -6,9 +6,9 @@
 #include <limits>
 #include <numbers>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/simulation/random.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -90,7 +90,7 @@ KnownMap load_known_map(const Store& store, const std::string& name) {
   KnownMap map;
   map.lattice = std::make_shared<const Lattice>(store.map(name).lattice);
   for (const auto& [id, T_map_cell] : store.pose_graph(name).nodes) {
-    const auto bytes = zstd_decompress(*store.compressed_cell(name, id), kMaxCellBytes);
+    const auto bytes = read_encoded_cell(store, name, id).bytes;
     map.add(id, std::make_shared<const Cell>(decode_cell(bytes)), T_map_cell);
   }
   return map;

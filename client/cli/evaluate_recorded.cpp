@@ -132,7 +132,7 @@ void build_recorded(Store& store, const std::filesystem::path& data, const Recor
   mapper.build.min_points = drive.min_points;
   mapper.bidirectional = mapper.loop_closures = false;
   build_in_store(store, drive.name, LatticeSpec{LatticeKind::kFibonacci, drive.lattice_size},
-                 drive.name, *open(data, drive), mapper, stop, progress);
+                 std::nullopt, drive.name, *open(data, drive), mapper, stop, progress);
 }
 
 void recorded_queries(const std::filesystem::path& data, const RecordedDrive& drive,

@@ -132,7 +132,7 @@ std::string build_simulated(Store& store, const SimulatedTown& town, const std::
   MapperOptions mapper;
   mapper.bidirectional = mapper.loop_closures = false;
   const auto source = simulate(drive);
-  build_in_store(store, name, LatticeSpec{LatticeKind::kFibonacci, town.lattice_size},
+  build_in_store(store, name, LatticeSpec{LatticeKind::kFibonacci, town.lattice_size}, std::nullopt,
                  "first-drive", *source, mapper, stop, progress);
   return name;
 }

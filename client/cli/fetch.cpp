@@ -4,9 +4,9 @@
 
 #include "cellmap/client/coded_cells.hpp"
 #include "cellmap/client/files.hpp"
-#include "client/cli/archive_options.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/map_reader.hpp"
 
 namespace cellmap::cli {
@@ -16,7 +16,7 @@ struct Options {
   Place place;
   std::string map, out;
   std::uint32_t cell = 0;
-  std::string encoding = "raw", bound = "20mm";
+  FormFlags form;
   bool is_coarse = false;
 };
 
@@ -32,10 +32,12 @@ void fetch_coded(const Options& options, const CodedCellForm& form, const Consol
                                                      : reader.cell(options.map, id, form);
   if (!options.out.empty()) client::write_file_atomically(options.out, fetched.bytes);
   const DecodedCell& decoded = fetched.decoded;
+  // Where the map keeps it compact, whatever was asked for within that bound.
+  const std::string encoding = decoded.encoding == CellEncoding::kPacked ? "packed" : "compact";
   client::Json json = {{"id", id.value},
                        {"hash", to_hex(decoded.hash)},
                        {"raw_hash", to_hex(decoded.raw_hash)},
-                       {"encoding", options.encoding},
+                       {"encoding", encoding},
                        {"bound_m", decoded.bound_m},
                        {"session", decoded.cell.session},
                        {"sequence", decoded.cell.sequence},
@@ -46,7 +48,7 @@ void fetch_coded(const Options& options, const CodedCellForm& form, const Consol
   if (!options.out.empty()) json["file"] = options.out;
   std::string text = format(
       "CELL %u of %s, %s: %s of %s planes, %s of %s\n  hash %s\n", id.value, options.map.c_str(),
-      options.encoding.c_str(), with_commas(decoded.cell.planes.size()).c_str(),
+      encoding.c_str(), with_commas(decoded.cell.planes.size()).c_str(),
       with_commas(decoded.all_planes).c_str(), human_bytes(double(fetched.bytes.size())).c_str(),
       human_bytes(double(fetched.file_bytes)).c_str(), to_hex(decoded.hash).c_str());
   if (!options.out.empty()) text += "  written to " + options.out + "\n";
@@ -66,12 +68,9 @@ FetchedCell fetch_offline(const Options& options) {
 }
 
 void fetch(const Options& options, const Console& console) {
-  const ArchiveOptions coding = archive_options(options.encoding, options.bound);
-  if (coding.encoding != ArchiveEncoding::kRaw) {
-    const bool is_packed = coding.encoding == ArchiveEncoding::kPacked;
-    return fetch_coded(options,
-                       {is_packed ? CellEncoding::kPacked : CellEncoding::kCompact, coding.bound_m},
-                       console);
+  const CellForm form = options.form.form().value_or(CellForm{});
+  if (form.encoding != KeptEncoding::kRaw) {
+    return fetch_coded(options, coded_form_of(form), console);
   }
   if (options.is_coarse) {
     throw Error(ErrorCode::kInvalidArgument, "--coarse needs --encoding packed or compact");
@@ -114,7 +113,7 @@ void add_fetch(CLI::App& app, Verbs& verbs) {
   one->add_option("MAP", fetched->map, "Name of the map")->required();
   one->add_option("CELL", fetched->cell, "Number of the CELL")->required();
   one->add_option("--out", fetched->out, "File for its bytes (FlatBuffers)");
-  add_archive_options(*one, fetched->encoding, fetched->bound);
+  add_form_flags(*one, fetched->form, "In which form it comes; without it raw");
   one->add_flag("--coarse", fetched->is_coarse,
                 "Of a packed or compact CELL its first bytes alone: a quarter of the planes");
   add_place_options(*one, fetched->place, true, true);

@@ -8,6 +8,7 @@
 #include "cellmap/client/upload.hpp"
 #include "cellmap/codec/scan_batch.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/job_text.hpp"
 #include "client/cli/map_reader.hpp"
@@ -21,6 +22,7 @@ struct Options {
   Place place;
   DriveFlags drive;
   MapperFlags mapper;
+  FormFlags form;
   std::string map;
   bool server_path = false, cells = false;
   SessionInfo session;
@@ -55,6 +57,7 @@ IngestRequest request_of(const Options& options) {
   request.session = options.drive.session_name();
   request.options = options.mapper.ingest_options();
   if (options.mapper.lattice_size) request.lattice = options.mapper.lattice();
+  request.form = options.form.form();
   if (options.server_path) {
     request.path = options.drive.dataset;
     request.poses = options.drive.poses;
@@ -65,7 +68,8 @@ IngestRequest request_of(const Options& options) {
 
 void make_map_where_missing(Client& client, const Options& options) {
   try {
-    client.create_map(options.map, options.mapper.lattice());
+    client.create_map(options.map, options.mapper.lattice(),
+                      options.form.form().value_or(CellForm{}));
   } catch (const Error& error) {
     if (error.code() != ErrorCode::kAlreadyExists) throw;
   }
@@ -188,6 +192,8 @@ void add_ingest(CLI::App& app, Verbs& verbs) {
       ->check(CLI::Range(0.0, 86'400.0))
       ->capture_default_str()
       ->group(group);
+  add_form_flags(*verb, options->form,
+                 "How the server keeps the CELLs; without it as the map says, or raw");
   add_mapper_flags(*verb, options->mapper);
   verb->parse_complete_callback([options] { refuse_flags_without_effect(*options); });
 }

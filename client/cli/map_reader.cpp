@@ -3,9 +3,9 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/edit.hpp"
+#include "cellmap/store/read_cell.hpp"
 #include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
@@ -54,7 +54,7 @@ class StoreReader : public MapReader {
     return store_->cells(map, query);
   }
   EncodedCell cell(const std::string& map, const CellRecord& record) override {
-    return {record.hash, zstd_decompress(*store_->compressed_cell(map, record.id), kMaxCellBytes)};
+    return read_encoded_cell(*store_, map, record.id);
   }
   void for_each_cell(
       const std::string& map, std::span<const CellRecord> cells,

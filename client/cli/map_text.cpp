@@ -18,12 +18,25 @@ std::string against(const char* what, std::uint64_t points, double bytes, double
                 with_commas(points).c_str(), human_bytes(bytes).c_str(), times);
 }
 
+/// "compact 20 mm", and what else there is where the map is being converted.
+std::string kept_text(const MapInfo& map) {
+  std::string text = to_string(map.form);
+  if (map.kept.empty() || (map.kept.size() == 1 && map.kept.begin()->first == map.form)) {
+    return text;
+  }
+  std::string parts;
+  for (const auto& [form, cells] : map.kept) {
+    parts += (parts.empty() ? "" : ", ") + with_commas(cells) + " " + to_string(form);
+  }
+  return text + " from now on (" + parts + ")";
+}
+
 }  // namespace
 
 std::string map_line(const MapInfo& map) {
-  return format("%-24s %7s CELLs  %9s stored  revision %llu\n", map.name.c_str(),
+  return format("%-24s %7s CELLs  %9s stored as %s  revision %llu\n", map.name.c_str(),
                 with_commas(map.cells).c_str(), human_bytes(double(map.stored_bytes)).c_str(),
-                static_cast<unsigned long long>(map.revision));
+                to_string(map.form).c_str(), static_cast<unsigned long long>(map.revision));
 }
 
 std::string session_line(const Session& session) {
@@ -51,8 +64,8 @@ std::string map_text(const MapInfo& map) {
   text += format("  %-14s %s, %s a CELL\n", "FlatBuffers",
                  human_bytes(double(map.encoded_bytes)).c_str(),
                  human_bytes(double(map.encoded_bytes) / cells).c_str());
-  text += format("  %-14s %s, %s a CELL\n", "stored (zstd)",
-                 human_bytes(double(map.stored_bytes)).c_str(),
+  text += format("  %-14s %s\n", "kept as", kept_text(map).c_str());
+  text += format("  %-14s %s, %s a CELL\n", "stored", human_bytes(double(map.stored_bytes)).c_str(),
                  human_bytes(double(map.stored_bytes) / cells).c_str());
   const double stored = static_cast<double>(map.stored_bytes);
   text += against("raw scans", map.raw_points, double(map.raw_points) * kRawPointBytes, stored);

@@ -3,10 +3,14 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "cellmap/store/convert_cells.hpp"
 #include "client/cli/archive_difference.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/arguments.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
+#include "client/cli/interrupt.hpp"
+#include "client/cli/job_text.hpp"
 #include "client/cli/map_reader.hpp"
 #include "client/cli/map_text.hpp"
 
@@ -21,6 +25,7 @@ struct Options {
   std::uint64_t since = 0;
   bool all = false, clear = false;
   std::vector<std::string> diff;
+  FormFlags form;
   std::string origin;
   double heading_deg = 90;
   std::string lattice = to_string(LatticeKind::kFibonacci);
@@ -37,12 +42,15 @@ void list_maps(const Options& options, const Console& console) {
   console.print({{"maps", json}}, text.empty() ? "No maps.\n" : text);
 }
 
+void show_map(const Options& options, const Console& console);
+
 void create_map(const Options& options, const Console& console) {
   const LatticeSpec lattice{lattice_kind_from(options.lattice), options.lattice_size};
+  const CellForm form = options.form.form().value_or(CellForm{});
   const MapInfo map =
       options.place.store.empty()
-          ? connect(options.place).create_map(options.map, lattice)
-          : open_existing_store(options.place.store)->create_map(options.map, lattice);
+          ? connect(options.place).create_map(options.map, lattice, form)
+          : open_existing_store(options.place.store)->create_map(options.map, lattice, form);
   console.print(client::to_json(map), map_text(map));
 }
 
@@ -53,6 +61,42 @@ void delete_map(const Options& options, const Console& console) {
     open_existing_store(options.place.store)->delete_map(options.map);
   }
   console.print({{"deleted", options.map}}, "Deleted map " + options.map + ".\n");
+}
+
+void convert_in_server(const Options& options, const CellForm& form, const Console& console) {
+  const Interrupt interrupt;
+  Client client = connect(options.place);
+  const std::uint64_t cells = client.map(options.map).cells;
+  Job job = client.convert(options.map, form);
+  {
+    ProgressBar bar(console, "convert");
+    job = client.follow_job(
+        job.id, [&](const Job& latest) { bar.update(latest.cells_done, cells, "CELLs"); },
+        interrupt.token());
+  }
+  if (!is_final(job.state)) {
+    throw Error(ErrorCode::kCancelled, "stopped watching; job " + std::to_string(job.id.value) +
+                                           " goes on in the server (cellmap jobs follow)");
+  }
+  throw_unless_succeeded(job);
+}
+
+void convert_map(const Options& options, const Console& console) {
+  const auto form = options.form.form();
+  if (!form) {
+    throw Error(ErrorCode::kInvalidArgument, "--encoding raw, packed or compact is needed");
+  }
+  if (options.place.store.empty()) {
+    convert_in_server(options, *form, console);
+  } else {
+    const Interrupt interrupt;
+    const auto store = open_existing_store(options.place.store);
+    const std::uint64_t cells = store->map(options.map).cells;
+    ProgressBar bar(console, "convert");
+    convert_cells(*store, options.map, *form, interrupt.token(),
+                  [&](const Progress& done) { bar.update(done.cells_done, cells, "CELLs"); });
+  }
+  show_map(options, console);
 }
 
 void show_map(const Options& options, const Console& console) {
@@ -159,11 +203,13 @@ void list_cells(const Options& options, const Console& console) {
 
 void add_list(CLI::App& app, Verbs& verbs) {
   const auto options = std::make_shared<Options>();
-  CLI::App* list = verbs.add(app, "maps", "List the maps; make, place or delete one",
-                             "  cellmap maps --server http://127.0.0.1:8080\n"
-                             "  cellmap maps create town --lattice-size 20000 --server URL\n"
-                             "  cellmap maps delete town --server URL\n",
-                             [options](const Console& console) { list_maps(*options, console); });
+  CLI::App* list =
+      verbs.add(app, "maps", "List the maps; make, place or delete one",
+                "  cellmap maps --server http://127.0.0.1:8080\n"
+                "  cellmap maps create town --lattice-size 20000 --server URL\n"
+                "  cellmap maps create town --encoding compact --bound 20mm --server URL\n"
+                "  cellmap maps delete town --server URL\n",
+                [options](const Console& console) { list_maps(*options, console); });
   add_place_options(*list, options->place, true, true);
 
   const auto created = std::make_shared<Options>();
@@ -178,7 +224,20 @@ void add_list(CLI::App& app, Verbs& verbs) {
       ->add_option("--lattice-size", created->lattice_size,
                    "Directions of its lattice, all around in its usual density")
       ->capture_default_str();
+  add_form_flags(*create, created->form, "How its CELLs are kept; without it raw");
   add_place_options(*create, created->place, true);
+
+  const auto converted = std::make_shared<Options>();
+  CLI::App* convert = verbs.add(
+      *list, "convert", "Keep a map's CELLs in other bytes, also those to come",
+      "  cellmap maps convert town --encoding compact --bound 20mm --server URL\n"
+      "  cellmap maps convert town --encoding packed --store map.db\n"
+      "Broken off, the same command again goes on. Compact CELLs are other CELLs, each "
+      "under its number:\nfollowers fetch them anew. There is no way back from compact.\n",
+      [converted](const Console& c) { convert_map(*converted, c); });
+  convert->add_option("MAP", converted->map, "Its name")->required();
+  add_form_flags(*convert, converted->form, "How CELLs are kept");
+  add_place_options(*convert, converted->place, true);
 
   const auto deleted = std::make_shared<Options>();
   CLI::App* remove = verbs.add(*list, "delete", "Delete a map with everything in it",

@@ -12,9 +12,8 @@ class MirrorReader : public MapReader {
  public:
   explicit MirrorReader(const std::filesystem::path& folder)
       : folder_(folder), mirror_(read_mirror(folder)) {
-    std::erase_if(mirror_.cells, [&](const auto& cell) {
-      return !std::filesystem::exists(mirror_cell_file(folder_, cell.second.hash));
-    });
+    std::erase_if(mirror_.cells,
+                  [&](const auto& cell) { return !find_mirrored_cell(folder_, cell.second.hash); });
   }
 
   std::vector<MapInfo> maps() override { return {map(mirror_.map)}; }
@@ -25,16 +24,19 @@ class MirrorReader : public MapReader {
     info.revision = mirror_.revision;
     info.cells = mirror_.cells.size();
     info.constraints = mirror_.pose_graph.constraints.size();
-    info.planes = info.encoded_bytes = 0;
+    info.planes = info.encoded_bytes = info.stored_bytes = 0;
+    info.form = mirror_.form;
+    info.kept.clear();
     info.bounds.setEmpty();
     std::set<std::string> sessions;
     for (const auto& [id, cell] : mirror_.cells) {
       info.planes += cell.planes;
       info.encoded_bytes += cell.encoded_bytes;
+      const auto file = find_mirrored_cell(folder_, cell.hash);
+      if (file) info.stored_bytes += std::filesystem::file_size(*file);
       info.bounds.extend(cell.T_map_cell.translation());
       sessions.insert(cell.session);
     }
-    info.stored_bytes = info.encoded_bytes;  // the files are not compressed
     info.sessions.assign(sessions.begin(), sessions.end());
     return info;
   }

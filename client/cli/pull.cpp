@@ -7,6 +7,7 @@
 
 #include "client/cli/arguments.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/form_flags.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_reader.hpp"
 
@@ -16,6 +17,7 @@ namespace {
 struct Options {
   Place place;
   std::string map, folder, near;
+  FormFlags form;
   double radius_m = 0, budget_mb = 0;
   bool follow = false;
 };
@@ -31,6 +33,7 @@ PullOptions pull_options(const Options& options) {
     pull.near = Eigen::Vector3d(near[0], near[1], near[2]);
     pull.radius_m = options.radius_m;
   }
+  pull.form = options.form.form();
   pull.budget_bytes = static_cast<std::uint64_t>(options.budget_mb * kMegabyte);
   pull.validate();
   return pull;
@@ -102,6 +105,7 @@ void add_pull(CLI::App& app, Verbs& verbs) {
       app, "pull", "Mirror a map, or what is near a robot, into a folder; again: only what changed",
       "  cellmap pull town town-mirror --server http://127.0.0.1:8080\n"
       "  cellmap pull town here --server URL --follow --near 10,20,0 --radius 150 --budget 200\n"
+      "  cellmap pull town thin --server URL --encoding compact --bound 20mm\n"
       "Then, with or without the server:\n"
       "  cellmap relocalise scan.bin --map town --mirror here\n"
       "Each update after the first takes a few kB: poses, no CELLs that are there already. With\n"
@@ -120,6 +124,8 @@ void add_pull(CLI::App& app, Verbs& verbs) {
   verb->add_option("--budget", options->budget_mb,
                    "Most megabytes of CELL files; beyond it the furthest go (default: no limit)")
       ->check(CLI::PositiveNumber);
+  add_form_flags(*verb, options->form,
+                 "In which form CELLs come and are kept; without it raw, or compact as the map is");
   add_place_options(*verb, options->place, false);
 }
 

@@ -9,9 +9,11 @@
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/range_source.hpp"
 #include "cellmap/codec/coded_cell.hpp"
-#include "cellmap/codec/plane_displacement.hpp"
+#include "cellmap/store/read_cell.hpp"
+#include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/command_line.hpp"
+#include "client/cli/displacements.hpp"
 #include "client/cli/map_reader.hpp"
 
 // verify and repair.
@@ -23,73 +25,6 @@ struct Options {
   Place place;
   std::string file, source, map, out;
 };
-
-/// Over the CELLs of an archive.
-struct Displacements {
-  std::vector<CellDisplacement> cells;
-  std::uint64_t equal = 0;      ///< CELLs with every bit of their source's
-  std::uint64_t different = 0;  ///< CELLs that are not of the source at all
-  double bound_m = 0;
-
-  void add(const ArchiveCell& cell, const EncodedCell& source) {
-    if (cell.raw_hash != source.hash) {
-      ++different;
-      return;
-    }
-    if (cell.bound_m == 0) {
-      ++equal;  // the hash is that of the decoded CELL
-      return;
-    }
-    bound_m = cell.bound_m;
-    cells.push_back(cell_displacement(decode_cell(source.bytes), cell.cell));
-  }
-
-  double worst_m() const {
-    double worst = 0;
-    for (const CellDisplacement& cell : cells) worst = std::max(worst, cell.worst_m);
-    return worst;
-  }
-  /// The median over CELLs of a figure that each has over its planes.
-  double median(double CellDisplacement::*figure) const {
-    std::vector<double> values;
-    for (const CellDisplacement& cell : cells) values.push_back(cell.*figure);
-    if (values.empty()) return 0;
-    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-    std::nth_element(values.begin(), middle, values.end());
-    return *middle;
-  }
-  bool is_bound_kept() const { return worst_m() <= bound_m; }
-};
-
-client::Json to_json(const Displacements& found) {
-  client::Json json = {{"equal", found.equal}, {"different", found.different}};
-  if (!found.cells.empty()) {
-    json["bound_m"] = found.bound_m;
-    json["worst_m"] = found.worst_m();
-    json["p99_m"] = found.median(&CellDisplacement::p99_m);
-    json["median_m"] = found.median(&CellDisplacement::median_m);
-  }
-  return json;
-}
-
-std::string to_text(const Displacements& found) {
-  std::string text;
-  if (found.equal > 0)
-    text += format("  source    %s CELLs, every bit\n", with_commas(found.equal).c_str());
-  if (!found.cells.empty()) {
-    text += format(
-        "  source    %s CELLs within %.3f mm: worst %.3f mm, p99 %.3f mm, median %.3f mm (p99 and "
-        "median of a CELL's planes, median over CELLs)\n",
-        with_commas(found.cells.size()).c_str(), found.bound_m * 1e3, found.worst_m() * 1e3,
-        found.median(&CellDisplacement::p99_m) * 1e3,
-        found.median(&CellDisplacement::median_m) * 1e3);
-  }
-  if (found.different > 0) {
-    text += format("  source    %s CELLs are not of this source\n",
-                   with_commas(found.different).c_str());
-  }
-  return text;
-}
 
 [[noreturn]] void fail(const std::string& what) { throw Error(ErrorCode::kCorruptData, what); }
 
@@ -127,7 +62,8 @@ void verify_archive_file(const Options& options, const Console& console) {
   const ArchiveReport report = verify_archive(*bytes, [&](const ArchiveCell& cell) {
     if (!source) return;
     const auto raw = source->cell(cell.id);
-    raw ? displacements.add(cell, *raw) : void(++displacements.different);
+    raw ? displacements.add(cell.cell, cell.raw_hash, cell.bound_m, decode_cell(raw->bytes))
+        : void(++displacements.different);
   });
   client::Json json = {{"file", options.file},    {"bytes", report.bytes},
                        {"cells", report.cells},   {"planes", report.planes},
@@ -142,8 +78,7 @@ void verify_archive_file(const Options& options, const Console& console) {
   if (!report.damage.empty()) {
     fail("'" + options.file + "' is damaged; 'cellmap repair' recovers what is intact");
   }
-  if (displacements.different > 0) fail("the archive is not of this source");
-  if (!displacements.is_bound_kept()) fail("the bound is broken");
+  require_kept(displacements, "the archive");
 }
 
 Bytes read_all(const std::string& file) {
@@ -164,22 +99,51 @@ void verify_cell_file(const Options& options, const Console& console) {
                             with_commas(decoded.cell.planes.size()).c_str());
   Displacements displacements;
   if (!options.source.empty()) {
-    const Bytes raw = read_all(options.source);
-    const ArchiveCell cell{
-        .id = {}, .raw_hash = decoded.raw_hash, .bound_m = decoded.bound_m, .cell = decoded.cell};
-    // In the library's layout, as the raw hash is.
-    displacements.add(cell, encode_cell(decode_cell(raw)));
+    const Cell source = decode_cell(read_all(options.source));
+    displacements.add(decoded.cell, decoded.raw_hash, decoded.bound_m, source);
     json["source"] = to_json(displacements);
     text += to_text(displacements);
   }
   console.print(json, text);
-  if (displacements.different > 0) fail("the CELL was not coded from '" + options.source + "'");
-  if (!displacements.is_bound_kept()) fail("the bound is broken");
+  require_kept(displacements, "the CELL");
+}
+
+/// Every CELL of a map of a store, and with a source how far its planes are from that one's.
+void verify_store_file(const Options& options, const Console& console) {
+  SqliteStoreOptions read_only;
+  read_only.read_only = true;
+  const auto store = open_sqlite_store(options.file, read_only);
+  if (options.map.empty()) {
+    throw Error(ErrorCode::kInvalidArgument, "a store holds many maps: name one with --map");
+  }
+  std::optional<Source> source;
+  if (!options.source.empty()) source.emplace(options, options.map);
+  Displacements displacements;
+  std::uint64_t cells = 0, planes = 0;
+  for (const CellKeeping& kept : store->keeping(options.map)) {
+    const Cell cell = read_cell(*store, options.map, kept.id);
+    ++cells;
+    planes += cell.planes.size();
+    if (!source) continue;
+    const auto raw = source->cell(kept.id);
+    raw ? displacements.add(cell, kept.source, kept.form.bound_m(), decode_cell(raw->bytes))
+        : void(++displacements.different);
+  }
+  client::Json json = {
+      {"file", options.file}, {"cells", cells}, {"planes", planes}, {"intact", true}};
+  std::string text =
+      format("%s: %s CELLs and %s planes of map %s intact\n", options.file.c_str(),
+             with_commas(cells).c_str(), with_commas(planes).c_str(), options.map.c_str());
+  if (source) json["source"] = to_json(displacements);
+  if (source) text += to_text(displacements);
+  console.print(json, text);
+  require_kept(displacements, "the map");
 }
 
 void verify(const Options& options, const Console& console) {
   const Bytes begin = open_bytes(options.file, options.place)->read(0, 8);
   const std::string_view text = client::as_text(begin);
+  if (text == "SQLite f") return verify_store_file(options, console);
   if (text.size() == 8 && text.substr(4) == "CCOD") return verify_cell_file(options, console);
   verify_archive_file(options, console);
 }
@@ -214,13 +178,16 @@ void repair(const Options& options, const Console& console) {
 
 void add_verify(CLI::App& app, Verbs& verbs) {
   const auto verified = std::make_shared<Options>();
-  CLI::App* verb = verbs.add(app, "verify", "Check every byte of an archive, or a coded CELL",
-                             "  cellmap verify town.cellmap\n"
-                             "  cellmap verify town.cellmap --source map.db\n"
-                             "  cellmap verify 12.ccod --source 12.cell\n"
-                             "With --source: how far planes are from those that were archived.\n",
-                             [verified](const Console& console) { verify(*verified, console); });
-  verb->add_option("FILE", verified->file, "An archive, or its http:// address; a coded CELL")
+  CLI::App* verb =
+      verbs.add(app, "verify", "Check every byte of an archive, the CELLs of a map, a coded CELL",
+                "  cellmap verify town.cellmap\n"
+                "  cellmap verify town.cellmap --source map.db\n"
+                "  cellmap verify compact.db --map town --source raw.db\n"
+                "  cellmap verify 12.ccod --source 12.cell\n"
+                "With --source: how far planes are from those that were coded.\n",
+                [verified](const Console& console) { verify(*verified, console); });
+  verb->add_option("FILE", verified->file,
+                   "An archive, or its http:// address; a store; a coded CELL")
       ->required();
   verb->add_option("--source", verified->source,
                    "Store file or server with the map, or the CELL that was coded");

@@ -58,6 +58,7 @@ constexpr std::array kTable{
     Row{"PUT", "/v1/maps/{map}/comparison", kWrite},
     Row{"GET", "/v1/maps/{map}/archive", kRead},
     Row{"PUT", "/v1/maps/{map}/archive", kWrite},
+    Row{"POST", "/v1/maps/{map}/convert", Scope::kAdmin},
     Row{"POST", "/v1/maps/{map}/merge", kWrite},
     Row{"POST", "/v1/maps/{map}/split", kWrite},
     Row{"GET", "/v1/maps/{map}/sessions", kRead},

@@ -20,8 +20,10 @@ constexpr const char* kArchiveType = "application/vnd.cellmap.archive";
 constexpr std::size_t kKeptFiles = 2;
 constexpr std::chrono::seconds kPatience{10};
 
-ArchiveOptions read_options(const Call& call) {
-  ArchiveOptions options;
+/// Without an encoding every bit of the CELLs that the map has: packed, or compact as it keeps
+/// them.
+ArchiveOptions read_options(const Services& services, const Call& call) {
+  ArchiveOptions options = default_archive_options(services.store.map(call.path("map")));
   if (const auto name = call.query("encoding")) {
     options.encoding = archive_encoding_from_string(*name);
   }
@@ -29,6 +31,7 @@ ArchiveOptions read_options(const Call& call) {
   if (bound && options.encoding != ArchiveEncoding::kCompact) {
     throw Error(ErrorCode::kInvalidArgument, "'bound' goes with encoding=compact only.");
   }
+  if (call.query("encoding")) options.bound_m = kDefaultCompactBoundM;
   options.bound_m = bound.value_or(options.bound_m);
   return options;
 }
@@ -103,7 +106,7 @@ class ArchiveFiles {
 
 Response get(Services& services, ArchiveFiles& files, const Call& call) {
   const auto& map = call.path("map");
-  const ArchiveOptions options = read_options(call);
+  const ArchiveOptions options = read_options(services, call);
   const std::string now = etag_of(footer_now(services.store, map), options);
   const auto is_named = [](const std::string& condition, const std::string& etag) {
     return matches_etag(condition, std::array{etag});

@@ -4,8 +4,8 @@
 #include <set>
 #include <unordered_set>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/read_cell.hpp"
 #include "server/api/api.hpp"
 #include "server/api/coded_cells.hpp"
 #include "server/api/conditions.hpp"
@@ -88,22 +88,18 @@ Batch read_batch(const Store& store, const std::string& map, const Json& json) {
   return batch;
 }
 
-/// Of a batch all bytes of each CELL are sent: a coarse reader cannot tell where a file would end.
-Bytes coded_bytes(CodedCells& coded_cells, const std::string& map, const CellRecord& record,
-                  const CodedForm& form) {
-  if (form.is_coarse) {
-    throw Error(ErrorCode::kInvalidArgument,
-                "Batches have whole CELLs: ask for coarse layers one by one.");
-  }
-  return *coded_cells.get(map, record, form);
-}
-
 Response batch_cells(Services& services, CodedCells& coded_cells, const Call& call) {
   const std::vector<std::string> types{kCellsType, kCodedCellsType};
   const auto type = negotiate(call.header("Accept"), types);
   if (!type) return not_acceptable(types[0] + " or " + types[1]);
   std::optional<CodedForm> form;
   if (*type == kCodedCellsType) form = coded_form(*call.header("Accept"), *type);
+  // Of a batch all bytes of each CELL are sent: a coarse reader cannot tell where a file would end.
+  if (form && form->is_coarse) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "Batches have whole CELLs: ask for coarse layers one by one.");
+  }
+  std::optional<CodedForm> sent_form;  // with the widest bound of all
   const auto& map = call.path("map");
   const Revision revision = services.store.map(map).revision;
   const Batch asked = read_batch(services.store, map, call.json());
@@ -111,14 +107,20 @@ Response batch_cells(Services& services, CodedCells& coded_cells, const Call& ca
   std::size_t sent = 0;
   for (; sent < std::min(asked.ids.size(), asked.limit); ++sent) {
     const CellId id = asked.ids[sent];
-    const Bytes bytes =
-        form ? coded_bytes(coded_cells, map, services.store.cell(map, id), *form)
-             : zstd_decompress(*services.store.compressed_cell(map, id), kMaxCellBytes);
+    Bytes bytes;
+    if (form) {
+      const CodedCells::Coded coded = coded_cells.get(map, id, *form);
+      bytes = *coded.bytes;
+      if (!sent_form || sent_form->bound_m < coded.form.bound_m) sent_form = coded.form;
+    } else {
+      bytes = read_encoded_cell(services.store, map, id).bytes;
+    }
     if (!batch.empty() && batch.size() + bytes.size() > kMaxAnswer) break;
     append_to_batch(batch, id, bytes);
   }
   Response response;
-  response.headers.set("Content-Type", form ? *type + to_parameters(*form) : *type);
+  response.headers.set("Content-Type",
+                       form ? *type + to_parameters(sent_form.value_or(*form)) : *type);
   response.headers.set("CELLmap-Revision", std::to_string(revision));
   if (sent < asked.ids.size()) {
     response.headers.set("CELLmap-Remaining", std::to_string(asked.ids.size() - sent));

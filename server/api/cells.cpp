@@ -1,9 +1,11 @@
+#include <algorithm>
 #include <array>
 #include <cstdio>
 
 #include "cellmap/codec/cell_codec.hpp"
-#include "cellmap/codec/zstd.hpp"
+#include "cellmap/codec/coded_cell.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/read_cell.hpp"
 #include "server/api/api.hpp"
 #include "server/api/coded_cells.hpp"
 #include "server/api/conditions.hpp"
@@ -92,6 +94,12 @@ std::string pose_header(const Pose& pose) {
   return text;
 }
 
+std::string number_text(double value) {
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%.6g", value);
+  return text.data();
+}
+
 /// The three forms of a CELL, each with its own entity tag.
 struct CellTags {
   explicit CellTags(const ContentHash& hash)
@@ -115,21 +123,27 @@ Response ranged(const Call& call, Response response, std::shared_ptr<const Bytes
   return response;
 }
 
-/// The FlatBuffers form: the stored zstd frame as it is where the client takes it, else the whole
-/// or a range of the bytes.
-Response binary_cell(Services& services, const Call& call, const CellRecord& record,
-                     const CellTags& tags, Response response) {
+/// How far planes may be from those that were measured, where the map keeps the CELL compact:
+/// neither raw bytes nor JSON have a place for it.
+void say_bound(Response& response, const CellForm& form) {
+  if (!form.is_exact()) response.headers.set("CELLmap-Bound", number_text(form.bound_m()));
+}
+
+/// The FlatBuffers form: the stored zstd frame as it is where the client takes it and the CELL is
+/// kept so, else the whole or a range of the bytes.
+Response binary_cell(const Call& call, const StoredCell& stored, const CellTags& tags,
+                     Response response) {
   response.headers.set("Content-Type", kCellType);
-  const auto frame = services.store.compressed_cell(call.path("map"), record.id);
   const auto condition = call.header("If-Range");
   const bool is_range = call.header("Range") && (!condition || *condition == tags.identity);
-  if (!is_range && accepts_coding(call.header("Accept-Encoding"), "zstd")) {
+  if (!is_range && stored.form.encoding == KeptEncoding::kRaw &&
+      accepts_coding(call.header("Accept-Encoding"), "zstd")) {
     response.headers.set("ETag", tags.zstd);
     response.headers.set("Content-Encoding", "zstd");
-    response.body = SharedBytes{frame, 0, frame->size()};
+    response.body = SharedBytes{stored.frame, 0, stored.frame->size()};
     return response;
   }
-  auto bytes = std::make_shared<const Bytes>(zstd_decompress(*frame, kMaxCellBytes));
+  auto bytes = std::make_shared<const Bytes>(encoded_of(stored).bytes);
   const std::size_t size = bytes->size();
   return ranged(call, std::move(response), std::move(bytes), size, tags.identity);
 }
@@ -137,8 +151,8 @@ Response binary_cell(Services& services, const Call& call, const CellRecord& rec
 /// A coded form, or its coarse layer, which is its first bytes.
 Response coded_cell(CodedCells& coded_cells, const Call& call, const CellRecord& record,
                     Response response) {
-  const CodedForm form = coded_form(call.header("Accept").value_or(""), kCodedCellType);
-  const auto bytes = coded_cells.get(call.path("map"), record, form);
+  const auto [bytes, form] = coded_cells.get(
+      call.path("map"), record.id, coded_form(call.header("Accept").value_or(""), kCodedCellType));
   const std::size_t coarse = coarse_cell_bytes(*bytes);
   const std::string tag =
       '"' + to_hex(coded_content_hash(*bytes)) + (form.is_coarse ? "-coarse\"" : "\"");
@@ -162,8 +176,15 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
   const CellRecord record = services.store.cell(map, CellId{call.path_id("cell")});
   const CellTags tags(record.hash);
 
+  // A CELL gets other content where its map is converted: for ever is only what a hash names.
+  const auto asked = call.query("hash");
+  if (asked && *asked != to_hex(record.hash)) {
+    throw Error(ErrorCode::kNotFound, "The CELL has not the content 'hash' names (any more), but " +
+                                          to_hex(record.hash) + ".");
+  }
   Response response;
-  response.headers.set("Cache-Control", "public, max-age=31536000, immutable");
+  response.headers.set("Cache-Control",
+                       asked ? "public, max-age=31536000, immutable" : "public, no-cache");
   response.headers.set("Vary", "Accept, Accept-Encoding");
   response.headers.set("CELLmap-Pose", pose_header(record.T_map_cell));
   response.headers.set("CELLmap-Revision", std::to_string(services.store.map(map).revision));
@@ -176,10 +197,14 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
     response.status = 304;
     return response;
   }
-  if (!as_json) return binary_cell(services, call, record, tags, std::move(response));
+  const StoredCell stored = services.store.stored_cell(map, record.id);
+  // Converted between the two reads: what was said above is of another content.
+  if (stored.hash != record.hash) return get(services, coded_cells, call);
+  say_bound(response, stored.form);
+  if (!as_json) return binary_cell(call, stored, tags, std::move(response));
   response.headers.set("Content-Type", "application/json");
   response.headers.set("ETag", tags.json);
-  response.body = dump(cell_document(record, load_cell(services.store, map, record.id)));
+  response.body = dump(cell_document(record, *open_stored_cell(stored).cell));
   return response;
 }
 
@@ -192,15 +217,25 @@ std::optional<CellRecord> find_cell(const Store& store, const std::string& map, 
   }
 }
 
-/// Answers a PUT of a CELL that is there, or nullopt where there is none.
+/// True where the CELL was made of the one by this hash.
+bool is_source(const Store& store, const std::string& map, const CellRecord& cell,
+               const ContentHash& hash) {
+  const auto keeping = store.keeping(map, cell.session);
+  const auto found = std::ranges::find(keeping, cell.id, &CellKeeping::id);
+  return found != keeping.end() && found->source == hash;
+}
+
+/// Answers a PUT of a CELL that is there, or nullopt where there is none. `sent` is its hash
+/// before it was brought into the map's form.
 std::optional<Response> answer_existing(Services& services, const Call& call, CellId id,
-                                        const ContentHash& hash) {
+                                        const ContentHash& hash, const ContentHash& sent) {
   const auto existing = find_cell(services.store, call.path("map"), id);
   if (!existing) return std::nullopt;
   if (call.header("If-None-Match") == "*") {
     throw Error(ErrorCode::kPreconditionFailed, "There is a CELL by this id already.");
   }
-  if (existing->hash != hash) {
+  if (existing->hash != hash && existing->hash != sent &&
+      !is_source(services.store, call.path("map"), *existing, sent)) {
     throw Error(ErrorCode::kConflict,
                 "A CELL never changes, and the one by this id has other content (" +
                     to_hex(existing->hash) + ").");
@@ -210,15 +245,13 @@ std::optional<Response> answer_existing(Services& services, const Call& call, Ce
   return json_response(json);
 }
 
-EncodedCell verified_cell(const std::string& body) {
-  const auto bytes = as_bytes(body);
-  return {verified_hash(bytes), Bytes(bytes.begin(), bytes.end())};
-}
-
-/// The CELL that a coded one becomes: to the bit the one that was packed, or what is left of one
-/// that was made compact, which has a hash of its own.
-EncodedCell decoded_cell(const std::string& body) {
-  return encode_cell(decode_coded_cell(as_bytes(body)).cell);
+/// What becomes of a body in a map of this form.
+KeptCell kept_cell(const std::string& type, const std::string& body, const CellForm& form) {
+  Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
+  if (type == kCodedCellType) return keep_coded_cell(std::move(bytes), form);
+  const ContentHash hash = verified_hash(bytes);
+  auto cell = std::make_shared<const Cell>(decode_cell(bytes));
+  return keep_cell(std::move(cell), form, EncodedCell{hash, std::move(bytes)});
 }
 
 Response put(Services& services, const Call& call) {
@@ -227,22 +260,24 @@ Response put(Services& services, const Call& call) {
   const CellId id{call.path_id("cell")};
   const std::string type = call.content_type({kCellType, kCodedCellType});
   const std::string body = call.content(kMaxCellBytes);
-  EncodedCell encoded = type == kCellType ? verified_cell(body) : decoded_cell(body);
-  const auto cell = std::make_shared<const Cell>(decode_cell(encoded.bytes));
-  Pose T_map_cell = cell->T_odom_cell;
+  KeptCell kept = kept_cell(type, body, services.store.map(map).form);
+  const bool is_raw = type == kCellType && kept.coded;
+  const ContentHash sent = is_raw ? kept.coded->source : kept.encoded.hash;
+  Pose T_map_cell = kept.cell->T_odom_cell;
   if (const auto header = call.header("CELLmap-Pose")) {
     const auto numbers = parse_numbers(*header, ' ', 7, "CELLmap-Pose");
     T_map_cell = pose_from_xyz_qxyzw(std::span<const double, 7>(numbers.data(), 7));
   }
   NewCell added{.id = id,
-                .cell = cell,
-                .encoded = std::move(encoded),
+                .cell = std::move(kept.cell),
+                .encoded = std::move(kept.encoded),
+                .coded = std::move(kept.coded),
                 .T_map_cell = T_map_cell,
                 .scans = {},
                 .raw_points = 0};
 
   const std::lock_guard lock(state->writer());
-  if (auto answer = answer_existing(services, call, id, added.encoded.hash)) {
+  if (auto answer = answer_existing(services, call, id, added.encoded.hash, sent)) {
     return *std::move(answer);
   }
   MapUpdate update;
@@ -268,7 +303,7 @@ void add_cell_routes(Router& router, Services& services) {
               [&](const Call& call) { return list(services, call); }});
   const std::string one = "/v1/maps/{map}/cells/{cell}";
   const auto coded_cells = std::make_shared<CodedCells>(services.store);
-  router.add({"GET", one, {}, 0, {}, [&services, coded_cells](const Call& call) {
+  router.add({"GET", one, {"hash"}, 0, {}, [&services, coded_cells](const Call& call) {
                 return get(services, *coded_cells, call);
               }});
   router.add(

@@ -3,8 +3,9 @@
 #include <cmath>
 #include <cstdio>
 
+#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
-#include "server/api/map_state.hpp"
+#include "cellmap/store/read_cell.hpp"
 #include "server/api/text.hpp"
 
 namespace cellmap::server {
@@ -32,10 +33,10 @@ void read_parameter(CodedForm& form, std::optional<double>& bound_m, std::string
 }
 
 /// Names a form of a CELL in the cache.
-ContentHash key_of(const CellRecord& record, const CodedForm& form) {
+ContentHash key_of(const ContentHash& hash, const CodedForm& form) {
   CodedForm whole = form;
   whole.is_coarse = false;
-  const std::string name = to_hex(record.hash) + to_parameters(whole);
+  const std::string name = to_hex(hash) + to_parameters(whole);
   return sha256(std::as_bytes(std::span(name)));
 }
 
@@ -72,17 +73,24 @@ std::string to_parameters(const CodedForm& form) {
   return form.is_coarse ? text + ";layers=coarse" : text;
 }
 
-std::shared_ptr<const Bytes> CodedCells::get(const std::string& map, const CellRecord& record,
-                                             const CodedForm& form) {
-  const ContentHash key = key_of(record, form);
-  if (auto known = cache_.find(key)) return known;
-  const Cell cell = load_cell(store_, map, record.id);
+CodedCells::Coded CodedCells::get(const std::string& map, CellId id, const CodedForm& form) {
+  const StoredCell stored = store_.stored_cell(map, id);
+  const bool is_compact = stored.form.encoding == KeptEncoding::kCompact;
+  if (is_compact ||
+      (stored.form.encoding == KeptEncoding::kPacked && form.encoding == CellEncoding::kPacked)) {
+    return {std::make_shared<const Bytes>(zstd_decompress(*stored.frame, kMaxCodedCellBytes)),
+            {is_compact ? CellEncoding::kCompact : CellEncoding::kPacked, stored.form.bound_m(),
+             form.is_coarse}};
+  }
+  const ContentHash key = key_of(stored.hash, form);
+  if (auto known = cache_.find(key)) return {known, form};
+  const Cell cell = *open_stored_cell(stored).cell;
   EncodedCell coded = form.encoding == CellEncoding::kPacked
                           ? encode_packed_cell(cell)
                           : encode_compact_cell(cell, form.bound_m);
   auto bytes = std::make_shared<const Bytes>(std::move(coded.bytes));
   cache_.insert(key, bytes);
-  return bytes;
+  return {bytes, form};
 }
 
 }  // namespace cellmap::server

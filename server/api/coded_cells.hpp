@@ -33,9 +33,14 @@ class CodedCells {
  public:
   explicit CodedCells(const Store& store) : store_(store), cache_(32u << 20) {}
 
-  /// The whole coded CELL, whatever layers are asked for.
-  std::shared_ptr<const Bytes> get(const std::string& map, const CellRecord& record,
-                                   const CodedForm& form);
+  struct Coded {
+    std::shared_ptr<const Bytes> bytes;
+    CodedForm form;  ///< of the bytes, with the layers that were asked for
+  };
+  /// The whole coded CELL, whatever layers are asked for. Where the store keeps it in the form that
+  /// is asked for, its bytes. A compact one always: its bytes are the CELL, so no form is more
+  /// exact, and a wider bound would add a second error to the first.
+  Coded get(const std::string& map, CellId id, const CodedForm& form);
 
  private:
   const Store& store_;

@@ -8,7 +8,8 @@
 #include "server/api/job_document.hpp"
 #include "server/api/problem.hpp"
 
-// /v1/maps/{map}/jobs, /v1/maps/{map}/merge and /v1/jobs/{job} with events, scans and complete.
+// /v1/maps/{map}/jobs, /v1/maps/{map}/merge, /v1/maps/{map}/convert and /v1/jobs/{job} with events,
+// scans and complete.
 
 namespace cellmap::server {
 namespace {
@@ -40,6 +41,13 @@ Response create_merge(Services& services, const Call& call) {
     if (!call.may_use(from)) return map_refused(from);
   }
   const JobView job = services.jobs.submit_merge(call.path("map"), request);
+  Response response = json_response(to_json(job), 202);
+  response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
+  return response;
+}
+
+Response create_convert(Services& services, const Call& call) {
+  const JobView job = services.jobs.submit_convert(call.path("map"), call.json());
   Response response = json_response(to_json(job), 202);
   response.headers.set("Location", "/v1/jobs/" + std::to_string(job.record.id.value));
   return response;
@@ -133,6 +141,9 @@ void add_job_routes(Router& router, Services& services) {
   router.add({"GET", of_map, {}, 0, json, [&](const Call& call) { return list(services, call); }});
   router.add({"POST", of_map, {}, kMaxJobBody, json, [&](const Call& call) {
                 return create(services, call);
+              }});
+  router.add({"POST", "/v1/maps/{map}/convert", {}, kMaxJobBody, json, [&](const Call& call) {
+                return create_convert(services, call);
               }});
   router.add({"POST", "/v1/maps/{map}/merge", {}, kMaxJobBody, json, [&](const Call& call) {
                 return create_merge(services, call);

@@ -169,6 +169,16 @@ Matrix6d symmetric_from_upper(std::span<const double> values) {
   return matrix;
 }
 
+std::optional<CellForm> read_form(ObjectReader& reader) {
+  const auto encoding = reader.text("encoding");
+  const auto bound_m = reader.number("bound_m");
+  if (!encoding && bound_m) {
+    throw Error(ErrorCode::kInvalidArgument, "'bound_m' goes with 'encoding': \"compact\".");
+  }
+  if (!encoding) return std::nullopt;
+  return cell_form(*encoding, bound_m);
+}
+
 std::set<std::string> session_names(const Json& array) {
   std::set<std::string> names;
   for (const Json& name : array) {

@@ -71,6 +71,10 @@ Matrix6d symmetric_from_upper(std::span<const double> values);
 /// Throws Error{kInvalidArgument} or {kUnsupported}.
 LatticeSpec lattice_from_json(const Json& json);
 
+/// The members "encoding" (raw, packed, compact) and "bound_m" of an object; nullopt where it has
+/// neither. Throws Error{kInvalidArgument}.
+std::optional<CellForm> read_form(ObjectReader& reader);
+
 /// Names out of an array of at least one; throws Error{kInvalidArgument}.
 std::set<std::string> session_names(const Json& array);
 

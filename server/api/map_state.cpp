@@ -4,12 +4,12 @@
 #include <atomic>
 #include <ranges>
 
-#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap::server {
 
 Cell load_cell(const Store& store, const std::string& map, CellId id) {
-  return decode_stored_cell(*store.compressed_cell(map, id));
+  return read_cell(store, map, id);
 }
 
 std::shared_ptr<const RegistrationTarget> TargetCache::find(std::uint64_t map_key, CellId id) {
@@ -30,6 +30,14 @@ void TargetCache::insert(std::uint64_t map_key, CellId id,
   if (entries_.size() <= capacity_) return;
   by_key_.erase(entries_.back().first);
   entries_.pop_back();
+}
+
+void TargetCache::erase(std::uint64_t map_key, CellId id) {
+  const std::lock_guard lock(mutex_);
+  const auto found = by_key_.find({map_key, id});
+  if (found == by_key_.end()) return;
+  entries_.erase(found->second);
+  by_key_.erase(found);
 }
 
 MapState::MapState(const Store& store, TargetCache& cache, std::shared_ptr<const Lattice> lattice,
@@ -65,6 +73,13 @@ std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
   auto target = std::make_shared<const RegistrationTarget>(std::move(cell), lattice_);
   cache_.insert(key_, id, target);
   return target;
+}
+
+void MapState::forget_cell(CellId id) const { cache_.erase(key_, id); }
+
+void MapState::forget_places() const {
+  const std::lock_guard lock(index_mutex_);
+  for (auto& index : indices_) index.reset();
 }
 
 TargetProvider MapState::targets(std::shared_ptr<const MapState> state) {

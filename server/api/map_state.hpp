@@ -29,6 +29,7 @@ class TargetCache {
   /// `map_key` tells apart maps, also one that was deleted from its successor of the same name.
   std::shared_ptr<const RegistrationTarget> find(std::uint64_t map_key, CellId id);
   void insert(std::uint64_t map_key, CellId id, std::shared_ptr<const RegistrationTarget> target);
+  void erase(std::uint64_t map_key, CellId id);
 
  private:
   using Key = std::pair<std::uint64_t, CellId>;
@@ -57,6 +58,10 @@ class MapState {
   void publish(PoseGraph graph) const;
 
   std::shared_ptr<const RegistrationTarget> target(CellId id) const;
+  /// The CELL has other bytes now: the next `target` is read from the store.
+  void forget_cell(CellId id) const;
+  /// The same for descriptors, of all CELLs.
+  void forget_places() const;
   /// Keeps the state alive.
   static TargetProvider targets(std::shared_ptr<const MapState> state);
   static MapAccess access(const std::shared_ptr<const MapState>& state);

@@ -24,10 +24,11 @@ Response create(Services& services, const Call& call) {
   if (!name) throw Error(ErrorCode::kInvalidArgument, "Expected a 'name' for the map.");
   const Json* lattice = reader.object("lattice");
   const LatticeSpec spec = lattice ? lattice_from_json(*lattice) : LatticeSpec{};
+  const CellForm form = read_form(reader).value_or(CellForm{});
   reader.finish();
   validate_map_name(*name);
   if (!call.may_use(*name)) return map_refused(*name);
-  Response response = json_response(to_json(services.store.create_map(*name, spec)), 201);
+  Response response = json_response(to_json(services.store.create_map(*name, spec, form)), 201);
   response.headers.set("Location", "/v1/maps/" + *name);
   return response;
 }

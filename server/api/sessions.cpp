@@ -106,8 +106,9 @@ Response lacking(Services& services, const Call& call) {
   reader.finish();
   if (!asked) throw Error(ErrorCode::kInvalidArgument, "Expected 'hashes', an array of text.");
   std::set<std::string> there;
-  for (const auto& cell : all_cells_of(services.store, call.path("map"), call.path("session"))) {
+  for (const auto& cell : services.store.keeping(call.path("map"), call.path("session"))) {
     there.insert(to_hex(cell.hash));
+    there.insert(to_hex(cell.source));
   }
   Json answer = Json::array();
   for (const Json& hash : *asked) {
@@ -162,8 +163,9 @@ Response put_cell(Services& services, const Call& call) {
   const auto last = services.store.last_cell(map, view.header.session);
   const std::uint32_t expected = last ? last->sequence + 1 : 0;
   if (view.header.sequence < expected) {
-    for (const CellRecord& record : all_cells_of(services.store, map, view.header.session)) {
-      if (record.hash == view.hash) return cell_answer(services, call, record, 200);
+    for (const CellKeeping& there : services.store.keeping(map, view.header.session)) {
+      if (there.hash != view.hash && there.source != view.hash) continue;
+      return cell_answer(services, call, services.store.cell(map, there.id), 200);
     }
     throw Error(ErrorCode::kConflict, "The session has another CELL with sequence " +
                                           std::to_string(view.header.sequence) +
@@ -181,10 +183,11 @@ Response put_cell(Services& services, const Call& call) {
   if (last) {
     back_end.resume_after(last->id, finished_without_scans(state->target(last->id)));
   }
-  extend(services.store, *state, back_end,
-         finished_without_scans(std::make_shared<const RegistrationTarget>(
-             std::make_shared<const Cell>(view.to_cell()), state->lattice())),
-         EncodedCell{view.hash, bytes});
+  KeptCell kept = keep_cell(std::make_shared<const Cell>(view.to_cell()),
+                            services.store.map(map).form, EncodedCell{view.hash, bytes});
+  FinishedCell finished = finished_without_scans(
+      std::make_shared<const RegistrationTarget>(kept.cell, state->lattice()));
+  extend(services.store, *state, back_end, std::move(finished), std::move(kept));
   services.metrics.cells_committed(1);
   return cell_answer(services, call, *services.store.last_cell(map, view.header.session), 201);
 }

@@ -43,6 +43,7 @@ Response split(Services& services, const Call& call) {
     throw Error(ErrorCode::kConflict, "The map has unfinished jobs; cancel them first.");
   }
   StagedMap staged(store, state->lattice()->spec(), request.into);
+  store.set_form(staged.name(), store.map(state->name()).form);
   copy_sessions(store, state->name(), request.sessions, staged.name());
   store.set_georeference(staged.name(), store.map(state->name()).georeference);
   Staging::Along along{state->name(), {}};

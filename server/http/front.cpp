@@ -158,11 +158,15 @@ struct Front::Impl {
       if (client->phase != Phase::kIdle) continue;
       if (!oldest || client->since.load() < oldest->since.load()) oldest = client.get();
     }
-    if (oldest) close(*oldest);
+    if (oldest) clients.erase(oldest->connection.socket());
     return oldest != nullptr;
   }
 
-  void close(Client& client) { clients.erase(client.connection.socket()); }  // epoll forgets it
+  /// epoll forgets it. Locked, so that a worker that has just parked it is done with its socket.
+  void close(Client& client) {
+    const std::lock_guard lock(mutex);
+    clients.erase(client.connection.socket());
+  }
 
   void expire() {
     const auto now = Clock::now();
@@ -343,9 +347,12 @@ struct Front::Impl {
 
   void end() {
     for (Listener& listener : listeners) listener.close();
-    std::erase_if(clients, [](const auto& entry) {
-      return entry.second->phase == Phase::kIdle || entry.second->phase == Phase::kHead;
-    });
+    {
+      const std::lock_guard lock(mutex);
+      std::erase_if(clients, [](const auto& entry) {
+        return entry.second->phase == Phase::kIdle || entry.second->phase == Phase::kHead;
+      });
+    }
     std::array<epoll_event, 128> events;
     const auto deadline = Clock::now() + options.stop_timeout;
     while (is_anything_answered() && Clock::now() < deadline) {
@@ -360,6 +367,7 @@ struct Front::Impl {
 
   void expire_when_stopping() {
     const auto now = Clock::now();
+    const std::lock_guard lock(mutex);
     std::erase_if(clients, [&](const auto& entry) {
       const auto timeout = timeout_of(*entry.second);
       return entry.second->phase == Phase::kIdle ||

@@ -58,9 +58,15 @@ class Ingest {
   }
 
   void extend_map(FinishedCell&& cell) {
+    const CellForm form = request_.form ? *request_.form : store_.map(state_->name()).form;
+    KeptCell kept = keep_cell({cell.target, &cell.cell()}, form);
+    if (kept.coded) {
+      // Constraints are those of the CELL that is kept, and of one read again after a restart.
+      cell.target = std::make_shared<const RegistrationTarget>(kept.cell, state_->lattice());
+    }
     {
       const std::lock_guard lock(state_->writer());
-      extend(store_, *state_, back_end_, std::move(cell));
+      extend(store_, *state_, back_end_, std::move(cell), std::move(kept));
     }
     const std::lock_guard lock(progress_mutex_);
     ++progress_.cells_done;
@@ -88,11 +94,10 @@ class Ingest {
 }  // namespace
 
 CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
-                    std::optional<EncodedCell> encoded) {
+                    KeptCell kept) {
   PoseGraph graph = *state.graph();
   const std::size_t known = graph.constraints.size();
-  MapUpdate update = to_map_update(back_end.integrate(std::move(cell), graph));
-  if (encoded) update.cells.front().encoded = *std::move(encoded);
+  MapUpdate update = to_map_update(back_end.integrate(std::move(cell), graph), std::move(kept));
   const CommitResult result = store.commit(state.name(), update);
   for (std::size_t i = 0; i < result.constraint_ids.size(); ++i) {
     graph.constraints[known + i].id = result.constraint_ids[i];

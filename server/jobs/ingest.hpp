@@ -24,10 +24,10 @@ struct ResumePoint {
 std::optional<ResumePoint> find_resume_point(const Store& store, const std::string& map,
                                              const std::string& session);
 
-/// Ties a finished CELL to the map as it stands and commits it, as `encoded` where it came from
-/// outside. The caller holds `state.writer()`.
+/// Ties a finished CELL to the map as it stands and commits it in its kept bytes. `cell` is of
+/// `kept.cell`. The caller holds `state.writer()`.
 CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
-                    std::optional<EncodedCell> encoded = {});
+                    KeptCell kept);
 
 struct IngestHooks {
   ProgressCallback progress;   ///< after every scan, by the thread that reads

@@ -119,6 +119,7 @@ IngestRequest parse_ingest_request(const Json& json) {
   if (const Json* options = reader.object("options")) request.options = parse_options(*options);
   request.create_map = reader.boolean("create_map").value_or(false);
   if (const Json* lattice = reader.object("lattice")) request.lattice = lattice_from_json(*lattice);
+  request.form = read_form(reader);
   reader.finish();
   return request;
 }

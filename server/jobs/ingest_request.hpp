@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "cellmap/codec/cell_form.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/pipeline/mapper.hpp"
 #include "cellmap/scan/scan_source.hpp"
@@ -22,7 +23,8 @@ struct IngestRequest {
   std::uint64_t scans_total = 0;  ///< of an upload; 0: not known
   MapperOptions options;
   bool create_map = false;
-  LatticeSpec lattice;  ///< of a map that is created
+  LatticeSpec lattice;           ///< of a map that is created
+  std::optional<CellForm> form;  ///< of this drive's CELLs, and of a map that is created
 };
 
 /// Throws Error{kInvalidArgument} or {kUnsupported}.

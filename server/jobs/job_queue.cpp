@@ -4,6 +4,8 @@
 #include <stop_token>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/convert_cells.hpp"
+#include "server/jobs/convert.hpp"
 #include "server/jobs/ingest.hpp"
 
 namespace cellmap::server {
@@ -13,6 +15,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr const char* kIngestKind = "ingest";
 constexpr const char* kMergeKind = "merge";
+constexpr const char* kConvertKind = "convert";
 
 std::string name_of(JobId id) { return "job " + std::to_string(id.value); }
 
@@ -22,14 +25,16 @@ bool is_same_drive(const IngestRequest& a, const IngestRequest& b) {
 
 }  // namespace
 
-/// An unfinished job. Everything but `request`, `merge` and `upload` is guarded by the queue's
+/// An unfinished job. Everything but what was asked for and `upload` is guarded by the queue's
 /// mutex.
 struct JobQueue::LiveJob {
   JobRecord record;
   IngestRequest request;              ///< of an ingest
   std::optional<MergeRequest> merge;  ///< of a merge
+  std::optional<CellForm> convert;    ///< of a conversion
   std::stop_source stop;
-  std::unique_ptr<UploadSource> upload;  ///< null for a path or a merge
+  std::unique_ptr<UploadSource> upload;  ///< of an ingest without a path
+  bool is_ingest() const { return !merge && !convert; }
   bool cancel_asked = false;
   std::uint64_t version = 1;
   Clock::time_point started{};
@@ -94,9 +99,20 @@ std::shared_ptr<JobQueue::LiveJob> JobQueue::make_live(JobRecord record,
   return job;
 }
 
+std::shared_ptr<JobQueue::LiveJob> JobQueue::make_live(JobRecord record,
+                                                       const CellForm& form) const {
+  auto job = std::make_shared<LiveJob>();
+  job->record = std::move(record);
+  job->convert = form;
+  return job;
+}
+
 std::shared_ptr<JobQueue::LiveJob> JobQueue::revive(JobRecord record) const {
   const Json request = parse_json(record.request_json);
   if (record.kind == kMergeKind) return make_live(std::move(record), parse_merge_request(request));
+  if (record.kind == kConvertKind) {
+    return make_live(std::move(record), parse_convert_request(request));
+  }
   return make_live(std::move(record), parse_ingest_request(request));
 }
 
@@ -125,7 +141,9 @@ JobView JobQueue::submit(const std::string& map, const Json& json) {
     const std::lock_guard lock(mutex_);
     require_room();
     for (const auto& [id, job] : live_) {
-      if (job->merge || job->record.map != map || job->request.session != request.session) continue;
+      if (!job->is_ingest() || job->record.map != map || job->request.session != request.session) {
+        continue;
+      }
       if (is_same_drive(job->request, request) && !job->cancel_asked) return view(*job);
       throw Error(ErrorCode::kConflict, "The session '" + request.session + "' is being read by " +
                                             name_of(id) + "; wait for it or cancel it.");
@@ -135,7 +153,7 @@ JobView JobQueue::submit(const std::string& map, const Json& json) {
     store_.map(map);
   } catch (const Error& error) {
     if (error.code() != ErrorCode::kNotFound || !request.create_map) throw;
-    store_.create_map(map, request.lattice);
+    store_.create_map(map, request.lattice, request.form.value_or(CellForm{}));
   }
   Json kept = json;
   kept["session"] = request.session;
@@ -166,6 +184,22 @@ JobView JobQueue::submit_merge(const std::string& map, const Json& json) {
   record.request_json = dump(json);
   record = store_.create_job(record);
   return start(make_live(record, std::move(request)));
+}
+
+JobView JobQueue::submit_convert(const std::string& map, const Json& json) {
+  const CellForm form = parse_convert_request(json);
+  require_convertible(store_.map(map), form);
+  const std::lock_guard submit_lock(submit_mutex_);
+  {
+    const std::lock_guard lock(mutex_);
+    require_room();
+  }
+  JobRecord record;
+  record.map = map;
+  record.kind = kConvertKind;
+  record.request_json = dump(json);
+  record = store_.create_job(record);
+  return start(make_live(record, form));
 }
 
 /// Under the mutex.
@@ -407,6 +441,10 @@ void JobQueue::carry_out(LiveJob& job, const IngestHooks& hooks) {
   if (job.merge) {
     log_->info("{} merges map '{}' into map '{}'", name, job.merge->from, job.record.map);
     return run_merge(maps_, job.record.map, *job.merge, job.stop.get_token(), hooks);
+  }
+  if (job.convert) {
+    log_->info("{} converts map '{}' to {}", name, job.record.map, to_string(*job.convert));
+    return run_convert(maps_, job.record.map, *job.convert, job.stop.get_token(), hooks);
   }
   std::unique_ptr<ScanSource> opened;
   if (job.request.path) opened = open_request(job.request, options_.data_roots);

@@ -61,6 +61,9 @@ class JobQueue {
   /// Queues a merge into a map. Error{kNotFound} for a map that is not there, {kInvalidArgument}
   /// for the map itself.
   JobView submit_merge(const std::string& map, const Json& request);
+  /// Queues a conversion (`convert_cells`). Error{kConflict} where CELLs are kept within a wider
+  /// bound.
+  JobView submit_convert(const std::string& map, const Json& request);
   JobView job(JobId id) const;
   std::vector<JobView> jobs(const std::string& map) const;
   /// The session's unfinished job, else its last one since the map was made, else nullopt.
@@ -94,6 +97,7 @@ class JobQueue {
 
   std::shared_ptr<LiveJob> make_live(JobRecord record, IngestRequest request) const;
   std::shared_ptr<LiveJob> make_live(JobRecord record, MergeRequest request) const;
+  std::shared_ptr<LiveJob> make_live(JobRecord record, const CellForm& form) const;
   std::shared_ptr<LiveJob> revive(JobRecord record) const;
   void require_room() const;
   JobView start(std::shared_ptr<LiveJob> job);

@@ -79,7 +79,8 @@ TEST(CodedCellReader, AWiderBoundThanAskedForAndDamageAreRefused) {
     reader.cell("town", CellId{1}, {CellEncoding::kCompact, bound_m});
   };
   EXPECT_NO_THROW(fetch(0.05));
-  test::expect_error(ErrorCode::kCorruptData, [&] { fetch(0.02); });
+  test::expect_error(
+      ErrorCode::kConflict, [&] { fetch(0.02); }, "compact 50 mm");
   body.back() = static_cast<char>(body.back() ^ 1);
   test::expect_error(ErrorCode::kCorruptData, [&] { fetch(0.05); });
 }

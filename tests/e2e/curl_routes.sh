@@ -134,6 +134,8 @@ expect 201 - PUT /v1/maps/copy/archive "${archive[@]}" -T "$work/town.cellmap"
 expect 409 already-exists PUT /v1/maps/copy/archive "${archive[@]}" -H 'Transfer-Encoding: chunked' -T "$work/town.cellmap"
 expect 422 corrupt-data PUT /v1/maps/other/archive "${archive[@]}" -d 'no archive'
 expect 204 - DELETE /v1/maps/copy
+expect 400 invalid-argument POST /v1/maps/town/convert "${json[@]}" -d '{"encoding":"tiny"}'
+expect 404 not-found POST /v1/maps/atlantis/convert "${json[@]}" -d '{"encoding":"packed"}'
 expect 400 invalid-argument POST /v1/maps/town/merge "${json[@]}" -d '{"from":"town"}'
 expect 404 not-found POST /v1/maps/town/merge "${json[@]}" -d '{"from":"atlantis"}'
 expect 404 not-found POST /v1/maps/town/split "${json[@]}" -d '{"sessions":["nobody"],"into":"new"}'

@@ -24,6 +24,9 @@ done
 [[ $(field cellmap-server_*.deb Depends) == *libsqlite3-0* ]] || fail "cellmap-server does not ask for its libraries."
 [[ $(field python3-cellmap_*.deb Depends) == *python3-numpy* ]] || fail "python3-cellmap does not ask for numpy."
 [[ $(field python3-cellmap_*.deb Architecture) == all ]] || fail "python3-cellmap is for one architecture only."
+unit=root/usr/lib/systemd/system/cellmapd.service
+[[ $(grep -o '^ExecStart=[^ ]*' "$unit") == ExecStart=/usr/bin/cellmapd ]] || fail "The unit starts $(grep ExecStart "$unit")."
+dpkg-deb --ctrl-tarfile cellmap-server_*.deb | tar -t | grep -q postinst || fail "cellmap-server makes no user."
 if dpkg-deb -c cellmap_*.deb | grep -q 'bin/cellmapd'; then fail "The client's package holds the server."; fi
 
 root=$folder/root/usr

@@ -174,7 +174,10 @@ TEST_F(ApiAccess, TooManyRequestsAreToldWhenToComeAgain) {
 TEST_F(ApiAccess, WhatATokenWasNeededForIsKeptByNoSharedCache) {
   send("PUT", "/v1/maps/town/cells/1", to_text(street_cell(0, 0).bytes),
        {bearer(admin_), {"Content-Type", "application/vnd.cellmap.cell"}});
-  const auto cell = get("/v1/maps/town/cells/1", {bearer(admin_)});
+  const std::string named = "/v1/maps/town/cells/1?hash=" + to_hex(street_cell(0, 0).hash);
+  EXPECT_EQ(get("/v1/maps/town/cells/1", {bearer(admin_)}).headers.get("Cache-Control"),
+            "private, no-cache");
+  const auto cell = get(named, {bearer(admin_)});
   EXPECT_EQ(cell.headers.get("Cache-Control"), "private, max-age=31536000, immutable");
   EXPECT_EQ(get("/v1/maps", {bearer(admin_)}).headers.get("Cache-Control"), "private");
   EXPECT_EQ(get("/healthz").headers.get("Cache-Control"), std::nullopt);

@@ -4,6 +4,7 @@
 
 #include "cellmap/store/sqlite_connection.hpp"
 #include "cellmap/store/sqlite_store.hpp"
+#include "store/older_schema.hpp"
 #include "support/expect_error.hpp"
 #include "support/temp_folder.hpp"
 
@@ -65,6 +66,7 @@ TEST_F(DocumentsTest, CanBeKeptByAStoreThatWasMadeBeforeThem) {
   store_.reset();
   {
     SqliteConnection connection(file_, SqliteAccess::kReadWrite, 1000);
+    connection.execute(test::kUndoSchema5);
     connection.execute("DROP TABLE document; PRAGMA user_version = 3");
   }
   store_ = open_sqlite_store(file_);

@@ -8,6 +8,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
+#include "store/older_schema.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
 
@@ -93,7 +94,7 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
 
 TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   make_store();
-  run_sql(file_, R"sql(
+  run_sql(file_, std::string(kUndoSchema5) + R"sql(
       DROP TABLE document;
       DROP INDEX pose_constraint_by_judged;
       ALTER TABLE pose_constraint DROP COLUMN weight;

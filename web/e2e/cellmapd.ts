@@ -57,7 +57,7 @@ export class Cellmapd {
   ) {}
 
   static async start(store: string, ...flags: string[]): Promise<Cellmapd> {
-    const child = spawn(cellmapd, ["--store", store, "--listen", "127.0.0.1:0", "--threads", "2", "--log-level", "error", ...flags]);
+    const child = spawn(cellmapd, ["--store", store, "--listen", "127.0.0.1:0", "--threads", "2", "--log-level", "error", "--viewer", "dist", ...flags]);
     const url = await new Promise<string>((resolve, reject) => {
       let text = "";
       child.stdout.on("data", (chunk: Buffer) => {

@@ -163,9 +163,13 @@ std::vector<MapInfo> Client::maps() {
   return maps;
 }
 
-MapInfo Client::create_map(const std::string& name, const LatticeSpec& lattice) {
-  const Json body = {{"name", name},
-                     {"lattice", {{"kind", to_string(lattice.kind)}, {"size", lattice.size}}}};
+const ClientOptions& Client::options() const { return impl_->options; }
+
+MapInfo Client::create_map(const std::string& name, const LatticeSpec& lattice,
+                           const CellForm& form) {
+  Json body = {{"name", name},
+               {"lattice", {{"kind", to_string(lattice.kind)}, {"size", lattice.size}}}};
+  if (form != CellForm{}) client::put_form(body, form);
   HttpRequest request = json_request("POST", "/v1/maps", body);
   request.idempotent = false;
   return client::map_info_from_json(impl_->send_json(request));
@@ -173,6 +177,14 @@ MapInfo Client::create_map(const std::string& name, const LatticeSpec& lattice) 
 
 MapInfo Client::map(const std::string& name) {
   return client::map_info_from_json(impl_->get_json(map_path(name)));
+}
+
+Job Client::convert(const std::string& map, const CellForm& form) {
+  Json body = Json::object();
+  client::put_form(body, form);
+  HttpRequest request = json_request("POST", map_path(map) + "/convert", body);
+  request.idempotent = false;
+  return client::job_from_json(impl_->send_json(request));
 }
 
 void Client::delete_map(const std::string& name) {

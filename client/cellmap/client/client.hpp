@@ -52,6 +52,7 @@ class Client {
  public:
   /// Checks options and address, opens the cache; does not connect.
   explicit Client(ClientOptions options);
+  const ClientOptions& options() const;
   ~Client();
   Client(Client&&) noexcept;
   Client& operator=(Client&&) noexcept;
@@ -70,9 +71,14 @@ class Client {
 
   std::vector<MapInfo> maps();
   /// Error{kAlreadyExists} where the name is taken. Not idempotent.
-  MapInfo create_map(const std::string& name, const LatticeSpec& lattice = {});
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice = {},
+                     const CellForm& form = {});
   MapInfo map(const std::string& name);
   void delete_map(const std::string& name);
+  /// Starts the job that brings a map's CELLs into a form, also those to come. Error{kConflict}
+  /// where CELLs are kept within a wider bound. Not idempotent, but done twice it changes nothing
+  /// more.
+  Job convert(const std::string& map, const CellForm& form);
 
   // --- CELLs --------------------------------------------------------------------------------
 

@@ -29,16 +29,20 @@ std::string media_type(const char* type, const CodedCellForm& form, bool is_coar
   return is_coarse ? text + ";layers=coarse" : text;
 }
 
-/// Throws unless it is what was asked for: who asks for 20 mm must not be given 50.
+/// Throws unless it is as exact as was asked for: who asks for 20 mm must not be given 50.
 void check_form(const DecodedCell& decoded, const CodedCellForm& form) {
-  const bool is_compact = form.encoding == CellEncoding::kCompact;
-  if (decoded.encoding == form.encoding &&
-      (!is_compact || decoded.bound_m <= form.bound_m + 1e-9)) {
-    return;
-  }
-  throw Error(
-      ErrorCode::kCorruptData,
-      "the server answered with a CELL of another encoding or a wider bound than asked for");
+  const double asked_m = form.encoding == CellEncoding::kCompact ? form.bound_m : 0;
+  if (decoded.bound_m <= asked_m + 1e-9) return;
+  const std::string kept = to_string(compact_form(decoded.bound_m));
+  throw Error(ErrorCode::kConflict, "the server has the CELL as '" + kept +
+                                        "' only, less exact than what was asked for; ask for " +
+                                        "that bound or a wider one");
+}
+
+/// A CELL of the list, coded on its way; or one that the map keeps coded, which the list names by
+/// what it decodes to.
+bool is_of(const CellRecord& record, const DecodedCell& decoded) {
+  return decoded.raw_hash == record.hash || encode_cell(decoded.cell).hash == record.hash;
 }
 
 FetchedCodedCell whole(CellId id, std::span<const std::byte> bytes, const CodedCellForm& form) {
@@ -49,6 +53,13 @@ FetchedCodedCell whole(CellId id, std::span<const std::byte> bytes, const CodedC
 }
 
 }  // namespace
+
+CodedCellForm coded_form_of(const CellForm& form) {
+  if (form.encoding == KeptEncoding::kRaw) {
+    throw Error(ErrorCode::kInvalidArgument, "a coded CELL is packed or compact, not raw");
+  }
+  return {form.is_exact() ? CellEncoding::kPacked : CellEncoding::kCompact, form.bound_m()};
+}
 
 struct CodedCellReader::Impl {
   explicit Impl(const ClientOptions& options) : transport(options) {}
@@ -111,7 +122,7 @@ void CodedCellReader::for_each_cell(
       const auto found = missing.find(entry->id);
       if (found == missing.end()) continue;
       const FetchedCodedCell fetched = whole(entry->id, entry->bytes, form);
-      if (fetched.decoded.raw_hash != found->second->hash) {
+      if (!is_of(*found->second, fetched.decoded)) {
         throw Error(ErrorCode::kConflict, "CELL " + std::to_string(entry->id.value) + " of map '" +
                                               map +
                                               "' is another one than the list says; "

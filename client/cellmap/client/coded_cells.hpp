@@ -6,6 +6,7 @@
 #include <string>
 
 #include "cellmap/client/client.hpp"
+#include "cellmap/codec/cell_form.hpp"
 #include "cellmap/codec/coded_cell.hpp"
 
 namespace cellmap {
@@ -16,16 +17,22 @@ struct CodedCellForm {
   double bound_m = kDefaultCompactBoundM;  ///< of compact
 };
 
+/// Packed or compact; Error{kInvalidArgument} for raw.
+CodedCellForm coded_form_of(const CellForm& form);
+
 /// A CELL that came in few bytes, verified: its content hash, of a coarse one its coarse hash.
 struct FetchedCodedCell {
   CellId id;
-  Bytes bytes;          ///< as they came: a coded CELL, or its beginning where `decoded.is_coarse`
-  DecodedCell decoded;  ///< `raw_hash` is the hash of the map's own CELL
+  Bytes bytes;  ///< as they came: a coded CELL, or its beginning where `decoded.is_coarse`
+  /// The map's own CELL is the one of `raw_hash`, or, where the map keeps it compact, this one.
+  DecodedCell decoded;
   std::uint64_t file_bytes = 0;  ///< of the whole coded CELL
 };
 
 /// Reads the CELLs of a map over thin links: compact within a bound, about a twelfth of their bytes
 /// at 20 mm, and first a coarse quarter of their planes where that will do. Uses no cache on disk.
+/// A map that keeps its CELLs compact has them in no other form: those bytes come for every form
+/// whose bound is no tighter; for a tighter one, or packed: Error{kConflict} that names the bound.
 /// Throws what `Client` throws. Not thread safe; movable.
 class CodedCellReader {
  public:

@@ -36,6 +36,9 @@ Matrix6d matrix_from_json(const Json& json);
 Stamp stamp_from_rfc3339(const std::string& text);
 
 MapInfo map_info_from_json(const Json& json);
+/// The members "encoding" and "bound_m" of a request.
+void put_form(Json& json, const CellForm& form);
+CellForm form_from_json(const Json& json);
 
 CellRecord cell_record_from_json(const Json& json);
 Json to_json(const CellPage& page);

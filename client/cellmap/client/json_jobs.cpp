@@ -110,6 +110,7 @@ Json to_json(const IngestRequest& request) {
   if (request.lattice) {
     json["lattice"] = {{"kind", to_string(request.lattice->kind)}, {"size", request.lattice->size}};
   }
+  if (request.form) put_form(json, *request.form);
   if (Json options = to_json(request.options); !options.empty()) json["options"] = options;
   return json;
 }

@@ -24,6 +24,19 @@ Georeference georeference_from(const Json& json) {
 
 }  // namespace
 
+void put_form(Json& json, const CellForm& form) {
+  json["encoding"] = to_string(form.encoding);
+  if (!form.is_exact()) json["bound_m"] = form.bound_m();
+}
+
+CellForm form_from_json(const Json& json) {
+  return decoded("form of CELLs", [&] {
+    const double bound_m = json.value("bound_m", 0.0);
+    return cell_form(json.at("encoding").get<std::string>(),
+                     bound_m > 0 ? std::optional(bound_m) : std::nullopt);
+  });
+}
+
 MapInfo map_info_from_json(const Json& json) {
   return decoded("map summary", [&] {
     MapInfo map;
@@ -46,6 +59,10 @@ MapInfo map_info_from_json(const Json& json) {
     map.sessions = json.at("sessions").get<std::vector<std::string>>();
     if (const Json where = json.value("georeference", Json()); !where.is_null()) {
       map.georeference = georeference_from(where);
+    }
+    if (json.contains("encoding")) map.form = form_from_json(json);  // newer servers say it
+    for (const Json& kept : json.value("kept", Json::array())) {
+      map.kept[form_from_json(kept)] = count(kept, "cells");
     }
     return map;
   });

@@ -16,6 +16,8 @@ using client::Json;
 namespace {
 
 constexpr std::uint64_t kMaxStateBytes = 1ull << 30;
+constexpr const char* kWhole = ".cell";
+constexpr const char* kCoded = ".ccod";
 
 fs::path state_file(const fs::path& folder) { return folder / "mirror.json"; }
 
@@ -42,6 +44,7 @@ Mirror mirror_from(const Json& json, PoseGraph graph) {
   mirror.map_created = client::stamp_from_rfc3339(client::text_member(json, "map_created"));
   mirror.info = client::map_info_from_json(client::member(json, "info"));
   mirror.revision = client::unsigned_member(json, "revision");
+  if (json.contains("form")) mirror.form = client::form_from_json(json.at("form"));
   mirror.pose_graph = std::move(graph);
   for (const Json& cell : client::member(json, "cells")) {
     CellRecord record = client::cell_record_from_json(cell);
@@ -59,8 +62,17 @@ Mirror mirror_from(const Json& json, PoseGraph graph) {
 
 }  // namespace
 
-fs::path mirror_cell_file(const fs::path& folder, const ContentHash& hash) {
-  return folder / "cells" / (to_hex(hash) + ".cell");
+fs::path mirror_cell_file(const fs::path& folder, const ContentHash& hash, const CellForm& form) {
+  const char* const extension = form.encoding == KeptEncoding::kRaw ? kWhole : kCoded;
+  return folder / "cells" / (to_hex(hash) + extension);
+}
+
+std::optional<fs::path> find_mirrored_cell(const fs::path& folder, const ContentHash& hash) {
+  for (const CellForm& form : {CellForm{}, CellForm{KeptEncoding::kPacked, 0}}) {
+    fs::path file = mirror_cell_file(folder, hash, form);
+    if (fs::exists(file)) return file;
+  }
+  return std::nullopt;
 }
 
 std::optional<Mirror> find_mirror(const fs::path& folder) {
@@ -85,12 +97,15 @@ void write_mirror(const Mirror& mirror, const fs::path& folder) {
   client::write_file_atomically(folder / graph_name, encode_pose_graph(mirror.pose_graph));
   Json cells = Json::array();
   for (const auto& [id, record] : mirror.cells) cells.push_back(client::to_json(record));
+  Json form = Json::object();
+  client::put_form(form, mirror.form);
   const Json json = {{"format", "cellmap-mirror"},
                      {"version", 2},
                      {"server", mirror.server},
                      {"map", mirror.map},
                      {"map_created", client::to_rfc3339(mirror.map_created)},
                      {"info", client::to_json(mirror.info)},
+                     {"form", form},
                      {"revision", mirror.revision},
                      {"pose_graph", graph_name},
                      {"cells", cells}};
@@ -145,21 +160,27 @@ Mirror read_mirror(const fs::path& folder) {
   return std::move(*mirror);
 }
 
-std::optional<EncodedCell> read_mirrored_cell(const fs::path& folder, const ContentHash& hash) {
-  const fs::path file = mirror_cell_file(folder, hash);
-  auto bytes = client::read_file(file, kMaxCellBytes);
+std::optional<KeptCell> read_mirrored_kept_cell(const fs::path& folder, const ContentHash& hash) {
+  const auto file = find_mirrored_cell(folder, hash);
+  if (!file) return std::nullopt;
+  auto bytes = client::read_file(*file, kMaxCellBytes);
   if (!bytes) return std::nullopt;
-  bool good = false;
   try {
-    good = verified_hash(*bytes) == hash;
+    if (file->extension() == kWhole) return open_kept_cell(*std::move(bytes), hash);
+    // "Raw" would unpack it, and a compact CELL stays as it is anyway.
+    KeptCell kept = keep_coded_cell(*std::move(bytes), {KeptEncoding::kPacked, 0});
+    if (kept.encoded.hash == hash || kept.coded->source == hash) return kept;
   } catch (const Error&) {
     // Said below, with the file's name.
   }
-  if (!good) {
-    throw Error(ErrorCode::kCorruptData,
-                "'" + file.string() + "' is damaged; delete it and pull again");
-  }
-  return EncodedCell{hash, std::move(*bytes)};
+  throw Error(ErrorCode::kCorruptData,
+              "'" + file->string() + "' is damaged; delete it and pull again");
+}
+
+std::optional<EncodedCell> read_mirrored_cell(const fs::path& folder, const ContentHash& hash) {
+  auto kept = read_mirrored_kept_cell(folder, hash);
+  if (!kept) return std::nullopt;
+  return std::move(kept->encoded);
 }
 
 }  // namespace cellmap

@@ -5,6 +5,7 @@
 #include <set>
 #include <vector>
 
+#include "cellmap/client/coded_cells.hpp"
 #include "cellmap/client/files.hpp"
 #include "cellmap/client/puller.hpp"
 
@@ -23,15 +24,30 @@ fs::path made(fs::path folder) {
 }
 
 Mirror fresh(Client& client, const MapInfo& info) {
-  return {to_string(client.url()), info.name, info.created, info, 0, {}, {}};
+  return {to_string(client.url()), info.name, info.created, info, {}, 0, {}, {}};
 }
 
-bool is_here(const fs::path& folder, const CellRecord& record) {
+/// True where the folder has the CELL at least as exactly as `form`. `trusted`: files of that form
+/// are not read.
+bool is_here(const fs::path& folder, const CellRecord& record, const CellForm& form,
+             const CellForm& trusted_form, bool trusted) {
+  const auto file = find_mirrored_cell(folder, record.hash);
+  if (!file) return false;
+  const bool is_whole = *file == mirror_cell_file(folder, record.hash);
+  if (trusted && (is_whole || form == trusted_form)) return true;
   try {
-    return read_mirrored_cell(folder, record.hash).has_value();
+    const auto kept = read_mirrored_kept_cell(folder, record.hash);
+    return kept && (kept->encoded.hash == record.hash || kept->coded->form.is_within(form));
   } catch (const Error&) {
     return false;  // damaged: fetched again
   }
+}
+
+/// What a CELL takes in the folder; of one that is not here no more than this.
+std::uint64_t bytes_of(const fs::path& folder, const CellRecord& record, const CellForm& form) {
+  if (const auto file = find_mirrored_cell(folder, record.hash)) return fs::file_size(*file);
+  constexpr std::uint64_t kCompactShare = 4;  // of the raw bytes, at a bound of 1 mm
+  return form.is_exact() ? record.encoded_bytes : record.encoded_bytes / kCompactShare;
 }
 
 /// Which CELLs the folder is to hold, and which of these it lacks.
@@ -57,18 +73,17 @@ std::vector<CellRecord> in_order(const Mirror& mirror, const PullOptions& option
 
 /// Files of CELLs that the mirror had before are trusted by name; those of CELLs that are new to it
 /// are read, because a pull that was broken off may have left them.
-Selection select(const Mirror& mirror, Revision before, const fs::path& folder,
-                 const PullOptions& options) {
+Selection select(const Mirror& mirror, Revision before, const CellForm& form,
+                 const fs::path& folder, const PullOptions& options) {
   Selection selection;
   std::uint64_t bytes = 0;
   for (CellRecord& cell : in_order(mirror, options)) {
     const bool trusted = cell.added <= before;
-    const bool here =
-        fs::exists(mirror_cell_file(folder, cell.hash)) && (trusted || is_here(folder, cell));
+    const bool here = is_here(folder, cell, form, mirror.form, trusted);
     const bool near =
         !options.near || (cell.T_map_cell.translation() - *options.near).norm() <= options.radius_m;
     if (!here && !near) continue;
-    bytes += cell.encoded_bytes;
+    bytes += bytes_of(folder, cell, form);
     if (options.budget_bytes > 0 && bytes > options.budget_bytes) break;  // all others are further
     if (!here) selection.missing.push_back(cell);
     selection.wanted.push_back(std::move(cell));
@@ -76,12 +91,16 @@ Selection select(const Mirror& mirror, Revision before, const fs::path& folder,
   return selection;
 }
 
+bool is_cell(const fs::path& file) {
+  return file.extension() == ".cell" || file.extension() == ".ccod";
+}
+
 /// Removes files that the new state does not name; returns how many of them were CELLs.
 std::uint64_t remove_leftovers(const Mirror& mirror, const Selection& selection,
                                const fs::path& folder) {
   std::set<fs::path> wanted;
   for (const CellRecord& cell : selection.wanted) {
-    wanted.insert(mirror_cell_file(folder, cell.hash).filename());
+    if (const auto file = find_mirrored_cell(folder, cell.hash)) wanted.insert(file->filename());
   }
   wanted.insert("pose-graph-" + std::to_string(mirror.revision) + ".cpgr");
   std::uint64_t cells = 0;
@@ -91,11 +110,11 @@ std::uint64_t remove_leftovers(const Mirror& mirror, const Selection& selection,
       const std::string extension = entry.path().extension().string();
       // ".tmp...": of a process that died while it wrote.
       const bool ours =
-          extension == ".cell" || extension == ".cpgr" || extension.starts_with(".tmp");
+          is_cell(entry.path()) || extension == ".cpgr" || extension.starts_with(".tmp");
       if (ours && !wanted.contains(entry.path().filename())) leftovers.push_back(entry.path());
     }
     for (const fs::path& leftover : leftovers) {
-      cells += leftover.extension() == ".cell";
+      cells += is_cell(leftover);
       fs::remove(leftover);
     }
   }
@@ -136,14 +155,31 @@ Changes Puller::next_changes(Mirror& mirror, PullReport& report, std::optional<C
   return client_.changes(map_, 0);
 }
 
-void Puller::fetch(const std::vector<CellRecord>& missing, const PullOptions& options,
-                   PullReport& report) {
-  client_.for_each_cell(map_, missing, [&](const CellRecord& record, const EncodedCell& cell) {
-    write_file_atomically(mirror_cell_file(folder_, record.hash), cell.bytes);
+/// The map is asked only where there are CELLs to fetch: updates of poses stay small.
+CellForm Puller::form_of(const PullOptions& options, const Mirror& next, const Changes& changes) {
+  if (options.form) return *options.form;
+  const bool is_first = !mirror_ || mirror_->map_created != next.map_created;
+  if (!is_first && changes.added.empty()) return next.form;
+  const CellForm kept = is_first ? next.info.form : client_.map(map_).form;
+  return kept.is_exact() ? next.form : kept;
+}
+
+void Puller::fetch(const std::vector<CellRecord>& missing, const CellForm& form,
+                   const PullOptions& options, PullReport& report) {
+  const auto keep = [&](const CellRecord& record, const Bytes& bytes) {
+    write_file_atomically(mirror_cell_file(folder_, record.hash, form), bytes);
     ++report.fetched;
-    report.fetched_bytes += cell.bytes.size();
+    report.fetched_bytes += bytes.size();
     if (options.on_cell) options.on_cell(report.fetched, missing.size());
-  });
+  };
+  if (form.encoding == KeptEncoding::kRaw) {
+    return client_.for_each_cell(map_, missing,
+                                 [&](const auto& record, const auto& c) { keep(record, c.bytes); });
+  }
+  CodedCellReader reader(client_.options());
+  reader.for_each_cell(map_, missing, coded_form_of(form),
+                       [&](const auto& record, const auto& cell) { keep(record, cell.bytes); });
+  report.received_bytes += reader.traffic().received_bytes;
 }
 
 PullReport Puller::pull(const PullOptions& options, std::optional<Changes> given) {
@@ -154,9 +190,12 @@ PullReport Puller::pull(const PullOptions& options, std::optional<Changes> given
   report.from = next.revision;
   apply_changes(changes, next);
 
-  const Selection selection = select(next, report.from, folder_, options);
-  fetch(selection.missing, options, report);
-  if (!mirror_ || report.started_over || next.revision != mirror_->revision) {
+  const CellForm form = form_of(options, next, changes);
+  const Selection selection = select(next, report.from, form, folder_, options);
+  fetch(selection.missing, form, options, report);
+  const bool is_other_form = next.form != form;
+  next.form = form;
+  if (!mirror_ || report.started_over || is_other_form || next.revision != mirror_->revision) {
     write_mirror(next, folder_);
   }
   mirror_ = std::move(next);
@@ -166,13 +205,14 @@ PullReport Puller::pull(const PullOptions& options, std::optional<Changes> given
   report.held = selection.wanted.size();
   report.moved = changes.moved.size();
   report.removed = changes.removed.size();
-  report.received_bytes = client_.traffic().received_bytes - received;
+  report.received_bytes += client_.traffic().received_bytes - received;
   return report;
 }
 
 }  // namespace client
 
 void PullOptions::validate() const {
+  if (form) form->validate();
   if (near && !(near->allFinite() && std::isfinite(radius_m) && radius_m > 0)) {
     throw Error(ErrorCode::kInvalidArgument,
                 "a place to be near needs three finite numbers and a radius above 0 m");

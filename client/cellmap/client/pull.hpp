@@ -21,6 +21,11 @@ struct PullOptions {
   double radius_m = 0;  ///< above 0 with `near`
   /// Bytes of CELL files; 0: no limit. Needs `near`: the nearest are kept, the furthest go first.
   std::uint64_t budget_bytes = 0;
+  /// In which form CELLs travel and are kept; for less exact ones the server codes them. Unset: as
+  /// the map keeps them where that is compact, else as last time, at first raw. What the folder has
+  /// in a form at least as exact stays. A map that is kept compact is no more exact than that: see
+  /// `CodedCellReader`.
+  std::optional<CellForm> form = {};
   /// Called after each CELL that was fetched.
   std::function<void(std::size_t done, std::size_t total)> on_cell;
 
@@ -34,7 +39,7 @@ struct PullReport {
   std::uint64_t cells = 0;    ///< of the map now
   std::uint64_t held = 0;     ///< of these, in the folder
   std::uint64_t fetched = 0;  ///< of these, sent by the server (or taken from the cache) this time
-  std::uint64_t fetched_bytes = 0;  ///< as FlatBuffers
+  std::uint64_t fetched_bytes = 0;  ///< as they are kept in the folder
   std::uint64_t moved = 0;
   std::uint64_t removed = 0;         ///< from the map
   std::uint64_t evicted = 0;         ///< from the folder, for the budget

@@ -25,8 +25,9 @@ class Puller {
 
  private:
   Changes next_changes(Mirror& mirror, PullReport& report, std::optional<Changes> given);
-  void fetch(const std::vector<CellRecord>& missing, const PullOptions& options,
-             PullReport& report);
+  CellForm form_of(const PullOptions& options, const Mirror& next, const Changes& changes);
+  void fetch(const std::vector<CellRecord>& missing, const CellForm& form,
+             const PullOptions& options, PullReport& report);
 
   Client& client_;
   std::string map_;

@@ -141,6 +141,8 @@ struct IngestRequest {
   IngestOptions options;
   bool create_map = true;              ///< makes the map where it is missing ...
   std::optional<LatticeSpec> lattice;  ///< ... with this lattice (default: the server's)
+  /// In which the CELLs of this drive are kept, and of a map that is made; else in the map's.
+  std::optional<CellForm> form;
 };
 
 /// How the server took a scan of an upload.

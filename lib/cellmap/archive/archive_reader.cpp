@@ -67,6 +67,7 @@ ArchiveCell decode_archive_record(std::span<const std::byte> record, const Latti
     cell.raw_hash = decoded.raw_hash;
     cell.bound_m = decoded.bound_m;
     cell.cell = std::move(decoded.cell);
+    cell.coded.assign(payload.begin(), payload.end());
   }
   if (cell.cell.lattice != lattice) throw corrupt(name_of(cell.id) + " has another lattice");
   return cell;

@@ -24,6 +24,7 @@ struct ArchiveCell {
   ContentHash raw_hash{};  ///< of the CELL that was archived, as `encode_cell` has it
   double bound_m = 0;  ///< how far planes may be from those of that CELL; 0: every bit is theirs
   Cell cell{};
+  Bytes coded{};  ///< the coded CELL as it lies in the archive; empty where it is raw
 };
 
 /// Reads an archive with few and small reads, as befits one behind HTTP: the first tells where

@@ -14,7 +14,8 @@ namespace cellmap {
 namespace {
 
 constexpr std::size_t kCellsPerLeaf = 4096;
-constexpr int kLevel = 19;  // an archive is written once
+constexpr double kHalfMicro = 5e-7;  // of a metre: bounds are whole micrometres
+constexpr int kLevel = 19;           // an archive is written once
 
 [[noreturn]] void invalid(const std::string& what) {
   throw Error(ErrorCode::kInvalidArgument, "this cannot be archived: " + what);
@@ -72,6 +73,23 @@ void ArchiveWriter::add(CellId id, const Cell& cell) {
   check_next(id, cell);
   const EncodedCell raw = encode_cell(cell);
   put_record(id, cell, raw, payload_of(cell, raw, options_));
+}
+
+void ArchiveWriter::add(CellId id, const KeptCell& cell) {
+  const std::optional<CodedCopy>& coded = cell.coded;
+  if (!coded || (coded->form.is_exact() && options_.encoding != ArchiveEncoding::kPacked)) {
+    return add(id, *cell.cell);
+  }
+  const double bound_m = coded->form.bound_m();
+  if (!coded->form.is_exact() &&
+      (options_.encoding != ArchiveEncoding::kCompact || bound_m > options_.bound_m + kHalfMicro)) {
+    throw Error(ErrorCode::kConflict,
+                "CELL " + std::to_string(id.value) + " is kept as '" + to_string(coded->form) +
+                    "' and its source is gone: an archive of it has the encoding compact, with at "
+                    "least that bound");
+  }
+  check_next(id, *cell.cell);
+  put_record(id, *cell.cell, {coded->source, cell.encoded.bytes}, coded->content.bytes);
 }
 
 void ArchiveWriter::add_payload(CellId id, const Cell& cell, const ContentHash& raw_hash,

@@ -11,6 +11,7 @@
 #include "cellmap/codec/archive_directory.hpp"
 #include "cellmap/codec/archive_footer.hpp"
 #include "cellmap/codec/coded_cell.hpp"
+#include "cellmap/codec/kept_cell.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
 namespace cellmap {
@@ -44,6 +45,10 @@ class ArchiveWriter {
   /// The next CELL: ids increase, each has the archive's lattice; else Error{kInvalidArgument}. A
   /// CELL that cannot be coded is Error{kCorruptData}, and the archive goes on without it.
   void add(CellId id, const Cell& cell);
+  /// The same for one as a store keeps it: coded bytes of the archive's own form are copied. A
+  /// compact one is copied where its bound is no wider than the archive's, else Error{kConflict}:
+  /// coded anew its errors would add up, and an exact form would hide them.
+  void add(CellId id, const KeptCell& cell);
   /// The same for one that is coded already, as `ArchiveOptions` say: `cell` is what the payload
   /// decodes to.
   void add_payload(CellId id, const Cell& cell, const ContentHash& raw_hash,

@@ -148,7 +148,8 @@ class Repair {
         encoding_ = cell.encoding;
         bound_m_ = cell.bound_m;
       }
-      if (cell.encoding != *encoding_ || cell.bound_m != bound_m_) return false;
+      if (cell.encoding != *encoding_) return false;
+      bound_m_ = std::max(bound_m_, cell.bound_m);
       lattice_ = spec;
       return found_
           .try_emplace(cell.id, Found{offset, bytes, cell.cell.session, cell.cell.T_odom_cell})

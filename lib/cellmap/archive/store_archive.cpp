@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/read_cell.hpp"
 #include "cellmap/store/staging.hpp"
 
 namespace cellmap {
@@ -34,7 +35,11 @@ class Restoration {
       : archive_(archive),
         store_(store),
         staged_(store, archive.head().lattice, map),
-        map_(staged_.name()) {}
+        map_(staged_.name()) {
+    const ArchiveFooter& footer = archive_.footer();
+    if (footer.encoding == ArchiveEncoding::kCompact) form_ = compact_form(footer.bound_m);
+    store_.set_form(map_, form_);
+  }
 
   void make_sessions() {
     for (const ArchiveSession& session : archive_.footer().sessions) {
@@ -51,14 +56,17 @@ class Restoration {
   void add(const ArchivedCell& listed, const ArchiveCell& cell) {
     NewCell added;
     added.id = cell.id;
-    added.encoded = encode_cell(cell.cell);
     const bool exact = cell.encoding != ArchiveEncoding::kCompact;
-    if (cell.raw_hash != listed.hash || (exact && added.encoded.hash != listed.hash)) {
+    KeptCell kept = exact ? keep_cell(std::make_shared<const Cell>(cell.cell), form_)
+                          : keep_coded_cell(cell.coded, form_);
+    if (cell.raw_hash != listed.hash || (exact && kept.encoded.hash != listed.hash)) {
       throw Error(ErrorCode::kCorruptData,
                   "CELL " + std::to_string(cell.id.value) +
                       " of the archive has not the hash that its list says; run 'cellmap verify'");
     }
-    added.cell = std::make_shared<const Cell>(cell.cell);
+    added.cell = std::move(kept.cell);
+    added.encoded = std::move(kept.encoded);
+    added.coded = std::move(kept.coded);
     const PoseGraph& graph = archive_.pose_graph();
     added.T_map_cell = graph.nodes.at(cell.id);
     added.unaligned = graph.unaligned.contains(cell.id);
@@ -95,9 +103,22 @@ class Restoration {
   Store& store_;
   StagedMap staged_;
   const std::string& map_;  ///< its name until then
+  CellForm form_;
 };
 
 }  // namespace
+
+ArchiveOptions default_archive_options(const MapInfo& map) {
+  ArchiveOptions options;
+  for (const auto& [form, cells] : map.kept) {
+    if (form.is_exact()) continue;
+    options.bound_m = options.encoding == ArchiveEncoding::kCompact
+                          ? std::max(options.bound_m, form.bound_m())
+                          : form.bound_m();
+    options.encoding = ArchiveEncoding::kCompact;
+  }
+  return options;
+}
 
 void archive_map(const Store& store, const std::string& map, ByteFile& file,
                  const ArchiveOptions& options, const std::stop_token& stop,
@@ -107,7 +128,7 @@ void archive_map(const Store& store, const std::string& map, ByteFile& file,
   Progress done;
   for (const auto& [id, pose] : contents.graph.nodes) {
     throw_if_stopped(stop);
-    writer.add(id, decode_stored_cell(*store.compressed_cell(map, id)));
+    writer.add(id, read_kept_cell(store, map, id));
     ++done.cells_done;
     if (progress) progress(done);
   }
@@ -148,6 +169,9 @@ MapInfo map_info(ArchiveReader& archive) {
   info.stored_bytes = archive.head().records_end - kArchiveFirstReadBytes;
   info.scans = footer.scans;
   info.georeference = footer.georeference;
+  info.form = footer.encoding == ArchiveEncoding::kCompact ? compact_form(footer.bound_m)
+                                                           : CellForm{footer.encoding, 0};
+  if (info.cells > 0) info.kept[info.form] = info.cells;
   info.bounds.setEmpty();
   for (const auto& [id, pose] : graph.nodes) info.bounds.extend(pose.translation());
   for (const ArchiveSession& session : footer.sessions) info.sessions.push_back(session.name);

@@ -68,15 +68,6 @@ bool is_plausible(const ArchiveState& state) {
 
 }  // namespace
 
-std::string_view to_string(ArchiveEncoding encoding) {
-  switch (encoding) {
-    case ArchiveEncoding::kRaw: return "raw";
-    case ArchiveEncoding::kPacked: return "packed";
-    case ArchiveEncoding::kCompact: return "compact";
-  }
-  return "unknown";
-}
-
 ArchiveEncoding archive_encoding_from_string(std::string_view name) {
   for (const auto encoding :
        {ArchiveEncoding::kRaw, ArchiveEncoding::kPacked, ArchiveEncoding::kCompact}) {

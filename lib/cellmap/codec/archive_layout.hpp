@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/cell_form.hpp"
 #include "cellmap/core/id.hpp"
 #include "cellmap/geometry/lattice.hpp"
 
@@ -44,14 +45,8 @@ constexpr std::uint64_t aligned_up(std::uint64_t offset) {
   return (offset + kArchiveAlignment - 1) / kArchiveAlignment * kArchiveAlignment;
 }
 
-/// How an archive keeps its CELLs; the format's numbers.
-enum class ArchiveEncoding : std::uint8_t {
-  kRaw = 1,      ///< the CELL in a zstd frame: every bit, mappable once decompressed
-  kPacked = 2,   ///< a packed coded CELL: every bit, fewer bytes
-  kCompact = 3,  ///< a compact coded CELL: planes within a bound
-};
+using ArchiveEncoding = KeptEncoding;
 
-std::string_view to_string(ArchiveEncoding encoding);  ///< "raw", "packed", "compact"
 /// Inverse of `to_string`; Error{kInvalidArgument} for anything else.
 ArchiveEncoding archive_encoding_from_string(std::string_view name);
 

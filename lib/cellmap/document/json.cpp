@@ -31,7 +31,15 @@ Json to_json(const MapInfo& map) {
   if (!map.bounds.isEmpty()) {
     bounds = {{"min", vector3(map.bounds.min())}, {"max", vector3(map.bounds.max())}};
   }
+  Json kept = Json::array();
+  for (const auto& [form, cells] : map.kept) {
+    kept.push_back(
+        {{"encoding", to_string(form.encoding)}, {"bound_m", form.bound_m()}, {"cells", cells}});
+  }
   return {{"name", map.name},
+          {"encoding", to_string(map.form.encoding)},
+          {"bound_m", map.form.bound_m()},
+          {"kept", kept},
           {"lattice", to_json(map.lattice)},
           {"revision", map.revision},
           {"created", to_rfc3339(map.created)},

@@ -49,6 +49,10 @@ std::optional<CellUpdate> Mapper::finish() {
 }
 
 CellUpdate Mapper::integrate(FinishedCell&& cell) {
+  if (become_) {
+    cell.target =
+        std::make_shared<const RegistrationTarget>(become_({cell.target, &cell.cell()}), lattice_);
+  }
   return back_end_.integrate(std::move(cell), graph_);
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -35,6 +36,12 @@ class Mapper {
   /// Ends the drive: the CELL of the scans since the last one, if there are any.
   std::optional<CellUpdate> finish();
 
+  /// What a finished CELL becomes before anything is made of it, for a map that keeps its CELLs in
+  /// fewer bits: constraints are then those of the CELLs that are kept. Empty: nothing.
+  void on_finished(std::function<std::shared_ptr<const Cell>(std::shared_ptr<const Cell>)> become) {
+    become_ = std::move(become);
+  }
+
   /// Tells the ids that a store gave to the constraints of the last update, in order: only numbered
   /// constraints are told when they are judged otherwise later.
   void number(std::span<const ConstraintId> ids);
@@ -48,6 +55,7 @@ class Mapper {
   PoseGraph graph_;
   FrontEnd front_end_;
   BackEnd back_end_;
+  std::function<std::shared_ptr<const Cell>(std::shared_ptr<const Cell>)> become_;
 };
 
 /// A stored CELL as the back end goes on from it. Throws Error{kInvalidArgument} where `base_scan`

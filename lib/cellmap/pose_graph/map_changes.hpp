@@ -17,9 +17,9 @@ namespace cellmap {
 /// What is known of a CELL of a map without touching its bytes.
 struct CellRecord {
   CellId id;
-  ContentHash hash;
-  Revision added = 0;  ///< revision that brought it
-  Revision moved = 0;  ///< revision that last changed its pose
+  ContentHash hash;    ///< of the encoded CELL, in whatever bytes it is kept or sent
+  Revision added = 0;  ///< revision that brought it, or last gave it another hash
+  Revision moved = 0;  ///< revision that last changed its pose or hash
   Pose T_map_cell = Pose::Identity();
   std::string session;
   std::uint32_t sequence = 0;

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
-#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/all_cells.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap {
 namespace {
@@ -53,9 +53,10 @@ class Copy {
   void add(const CellRecord& record, const CellScans* stretch) {
     NewCell cell;
     cell.id = next_;
-    cell.encoded = {record.hash,
-                    zstd_decompress(*store_.compressed_cell(from_, record.id), kMaxCellBytes)};
-    cell.cell = std::make_shared<const Cell>(decode_cell(cell.encoded.bytes));
+    KeptCell kept = read_kept_cell(store_, from_, record.id);
+    cell.cell = std::move(kept.cell);
+    cell.encoded = std::move(kept.encoded);
+    cell.coded = std::move(kept.coded);
     cell.T_map_cell = source_.nodes.at(record.id);
     cell.unaligned = joins_others_ || source_.unaligned.contains(record.id);
     if (stretch) {

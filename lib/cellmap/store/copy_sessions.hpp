@@ -12,7 +12,8 @@ namespace cellmap {
 
 /// Copies sessions of one map into another of the same lattice: descriptions, CELLs with their
 /// stretches of the drive, poses, and the constraints between them with what is thought of those.
-/// CELLs keep their bytes and hashes and get new ids, which are returned by the old ones.
+/// CELLs keep their bytes, in whatever form, and hashes, and get new ids, which are returned by the
+/// old ones.
 ///
 /// Into an empty map they come as they are. In another they begin as islands of their own
 /// (pose_graph/frames.hpp), whether they were aligned or not, because the two map frames have

@@ -12,20 +12,9 @@ namespace {
 
 std::string select_cell(const char* condition) {
   return std::string(
-             "SELECT id, hash, session, sequence, planes, encoded_bytes, added, moved, x, y, z, "
-             "rotation FROM cell ") +
+             "SELECT id, COALESCE(identity, hash), session, sequence, planes, encoded_bytes, "
+             "MAX(added, replaced), moved, x, y, z, rotation FROM cell ") +
          condition;
-}
-
-ContentHash hash_from(std::span<const std::byte> bytes) {
-  ContentHash hash;
-  if (bytes.size() != hash.bytes.size()) {
-    throw Error(ErrorCode::kCorruptData,
-                "store: a content hash is damaged; restore the file from a backup");
-  }
-  std::transform(bytes.begin(), bytes.end(), hash.bytes.begin(),
-                 [](std::byte b) { return std::to_integer<std::uint8_t>(b); });
-  return hash;
 }
 
 CellRecord cell_from_row(const Query& row) {
@@ -176,6 +165,32 @@ Pose pose_from_row(const Query& row, int first) {
   return pose_from_columns(position, row.bytes(first + 3));
 }
 
+ContentHash hash_from(std::span<const std::byte> bytes) {
+  ContentHash hash;
+  if (bytes.size() != hash.bytes.size()) {
+    throw Error(ErrorCode::kCorruptData,
+                "store: a content hash is damaged; restore the file from a backup");
+  }
+  std::transform(bytes.begin(), bytes.end(), hash.bytes.begin(),
+                 [](std::byte b) { return std::to_integer<std::uint8_t>(b); });
+  return hash;
+}
+
+CellForm form_from_row(const Query& row, int first) {
+  try {
+    CellForm form{static_cast<KeptEncoding>(row.unsigned32(first)), row.unsigned32(first + 1)};
+    if (row.unsigned32(first) < 1 || row.unsigned32(first) > 3) {
+      throw Error(ErrorCode::kInvalidArgument, "no such encoding");
+    }
+    form.validate();
+    return form;
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kInvalidArgument) throw;
+    throw Error(ErrorCode::kCorruptData,
+                "store: the form of a map or CELL is damaged; restore the file from a backup");
+  }
+}
+
 std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
   Query row(connection, select_cell("WHERE map = ? AND id = ?"), map, id.value);
   if (!row.next()) return std::nullopt;
@@ -249,6 +264,29 @@ std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const Conte
                                              " are damaged; restore the file from a backup");
   }
   return std::make_shared<const Bytes>(frame.begin(), frame.end());
+}
+
+std::optional<KeptRow> find_kept(SqliteConnection& connection, std::int64_t map, CellId id) {
+  Query row(connection,
+            "SELECT hash, COALESCE(identity, hash), encoding, bound_um FROM cell "
+            "WHERE map = ? AND id = ?",
+            map, id.value);
+  if (!row.next()) return std::nullopt;
+  return KeptRow{hash_from(row.bytes(0)), hash_from(row.bytes(1)), form_from_row(row, 2)};
+}
+
+std::vector<CellKeeping> read_keeping(SqliteConnection& connection, std::int64_t map,
+                                      const std::optional<std::string>& session) {
+  Query rows(connection,
+             "SELECT id, COALESCE(identity, hash), COALESCE(source, identity, hash), encoding, "
+             "bound_um FROM cell WHERE map = ? AND session = COALESCE(?, session) ORDER BY id",
+             map, session);
+  std::vector<CellKeeping> keeping;
+  while (rows.next()) {
+    keeping.push_back({CellId{rows.unsigned32(0)}, hash_from(rows.bytes(1)),
+                       hash_from(rows.bytes(2)), form_from_row(rows, 3)});
+  }
+  return keeping;
 }
 
 std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,

@@ -13,6 +13,21 @@ namespace cellmap {
 /// Columns x, y, z, rotation from `first` on.
 Pose pose_from_row(const Query& row, int first);
 
+ContentHash hash_from(std::span<const std::byte> bytes);
+/// Columns encoding, bound_um from `first` on.
+CellForm form_from_row(const Query& row, int first);
+
+/// Which bytes are kept of a CELL.
+struct KeptRow {
+  ContentHash content;  ///< of the blob
+  ContentHash hash;     ///< of the CELL
+  CellForm form;
+};
+std::optional<KeptRow> find_kept(SqliteConnection& connection, std::int64_t map, CellId id);
+/// Of a map, or one session of it.
+std::vector<CellKeeping> read_keeping(SqliteConnection& connection, std::int64_t map,
+                                      const std::optional<std::string>& session);
+
 std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id);
 std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map,
                                     const std::string& session, std::uint32_t sequence);

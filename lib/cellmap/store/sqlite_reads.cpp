@@ -10,8 +10,8 @@ std::string select_map(const char* condition) {
   return std::string(
              "SELECT id, name, lattice_kind, lattice_size, created, revision, next_constraint, "
              "cells, planes, constraints, encoded_bytes, stored_bytes, scans, raw_points, "
-             "voxel_points, next_cell, oldest, latitude_deg, longitude_deg, height_m, R_enu_map "
-             "FROM map ") +
+             "voxel_points, next_cell, oldest, latitude_deg, longitude_deg, height_m, R_enu_map, "
+             "encoding, bound_um FROM map ") +
          condition;
 }
 
@@ -63,6 +63,7 @@ MapRow map_from_row(const Query& row) {
     const Pose R_enu_map = pose_from_columns(Eigen::Vector3d::Zero(), row.bytes(20));
     map.info.georeference = {row.real(17), row.real(18), row.real(19), R_enu_map.linear()};
   }
+  map.info.form = form_from_row(row, 21);
   return map;
 }
 
@@ -172,6 +173,11 @@ MapSummaries::Summary MapSummaries::read(SqliteConnection& connection, const Map
   }
   Query sessions(connection, "SELECT name FROM session WHERE map = ? ORDER BY name", row.key);
   while (sessions.next()) summary.sessions.push_back(sessions.text(0));
+  Query kept(connection,
+             "SELECT encoding, bound_um, COUNT(*) FROM cell WHERE map = ? "
+             "GROUP BY encoding, bound_um",
+             row.key);
+  while (kept.next()) summary.kept[form_from_row(kept, 0)] = kept.unsigned64(2);
   return summary;
 }
 
@@ -179,6 +185,7 @@ MapInfo MapSummaries::complete(SqliteConnection& connection, MapRow row) {
   const auto fill = [&](const Summary& summary) {
     row.info.bounds = summary.bounds;
     row.info.sessions = summary.sessions;
+    row.info.kept = summary.kept;
     return row.info;
   };
   {

@@ -13,7 +13,7 @@ namespace cellmap {
 /// A row of the table of maps.
 struct MapRow {
   std::int64_t key = 0;  ///< column `id`, never reused
-  MapInfo info;          ///< without bounds and sessions
+  MapInfo info;          ///< without bounds, sessions and `kept`
   std::uint32_t next_constraint = 1;
   CellId next_cell{1};  ///< PoseGraph::next_cell
   Revision oldest = 0;  ///< that can be read
@@ -22,12 +22,12 @@ struct MapRow {
 /// Error{kNotFound} where there is no such map.
 MapRow read_map_row(SqliteConnection& connection, const std::string& name);
 
-/// Bounds and sessions of maps, which take a pass over a map's CELLs to find, but change only with
-/// its revision; so the last answer is kept. Thread safe; not for use inside a write, whose
-/// revision may never come to be.
+/// Bounds, sessions and forms of maps, which take a pass over a map's CELLs to find, but change
+/// only with its revision; so the last answer is kept. Thread safe; not for use inside a write,
+/// whose revision may never come to be.
 class MapSummaries {
  public:
-  /// The row's map with bounds and sessions.
+  /// The row's map with those.
   MapInfo complete(SqliteConnection& connection, MapRow row);
 
  private:
@@ -35,6 +35,7 @@ class MapSummaries {
     Revision revision = 0;
     Eigen::AlignedBox3d bounds;
     std::vector<std::string> sessions;
+    std::map<CellForm, std::uint64_t> kept;
   };
   static Summary read(SqliteConnection& connection, const MapRow& row);
 

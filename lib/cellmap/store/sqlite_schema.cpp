@@ -172,8 +172,21 @@ CREATE TABLE document (
 ) WITHOUT ROWID;
 )sql";
 
+// Version 5: CELLs in other bytes than raw ones (codec/kept_cell.hpp). `cell.hash` and `blob.hash`
+// are from now on of the kept bytes; where these are compact, the CELL that they decode to has
+// another one.
+constexpr const char* kVersion5 = R"sql(
+ALTER TABLE map ADD COLUMN encoding  INTEGER NOT NULL DEFAULT 1;  -- of CELLs to come
+ALTER TABLE map ADD COLUMN bound_um  INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE cell ADD COLUMN encoding INTEGER NOT NULL DEFAULT 1;
+ALTER TABLE cell ADD COLUMN bound_um INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE cell ADD COLUMN identity BLOB;              -- raw hash of the CELL; NULL: as hash
+ALTER TABLE cell ADD COLUMN source   BLOB;              -- raw hash before coding; NULL: as identity
+ALTER TABLE cell ADD COLUMN replaced INTEGER NOT NULL DEFAULT 0;  -- revision that changed identity
+)sql";
+
 /// kMigrations[k] leads from version k to version k + 1. Published steps never change.
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4};
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4, kVersion5};
 
 void apply_migration(SqliteConnection& connection, std::size_t version) {
   connection.execute("BEGIN IMMEDIATE");

@@ -12,7 +12,7 @@ std::string insert_staged_map(SqliteConnection& connection, const LatticeSpec& l
   // Above every key that is in use, so above the number of every staged map.
   const std::int64_t number = connection.integer("SELECT COALESCE(MAX(id), 0) + 1 FROM map");
   std::string name = "." + std::to_string(number);
-  insert_map(connection, name, lattice, created);
+  insert_map(connection, name, lattice, CellForm{}, created);
   return name;
 }
 

@@ -84,12 +84,14 @@ class SqliteStore final : public Store, public Documents, public Staging, public
     }
   }
 
-  MapInfo create_map(const std::string& name, const LatticeSpec& lattice) override {
+  MapInfo create_map(const std::string& name, const LatticeSpec& lattice,
+                     const CellForm& form) override {
     validate_map_name(name);
     lattice.validate();
+    form.validate();
     MapInfo created;
     write([&](SqliteConnection& c) {
-      insert_map(c, name, lattice, now());
+      insert_map(c, name, lattice, form, now());
       created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
     });
     return created;
@@ -103,6 +105,11 @@ class SqliteStore final : public Store, public Documents, public Staging, public
                         const std::optional<Georeference>& georeference) override {
     if (georeference) georeference->validate();
     write([&](SqliteConnection& c) { write_georeference(c, map, georeference); });
+  }
+
+  void set_form(const std::string& map, const CellForm& form) override {
+    form.validate();
+    write([&](SqliteConnection& c) { write_form(c, map, form); });
   }
 
   void put_document(const std::string& map, const std::string& name,
@@ -154,7 +161,7 @@ class SqliteStore final : public Store, public Documents, public Staging, public
                    const std::optional<Along>& along) override {
     validate_map_name(name);
     if (along) validate(along->update);
-    const std::vector<Bytes> frames = along ? frames_of(along->update) : std::vector<Bytes>{};
+    const UpdateFrames frames = along ? frames_of(along->update) : UpdateFrames{};
     write([&](SqliteConnection& c) {
       rename_staged_map(c, staged, name);
       if (along) apply_update(c, along->map, along->update, frames);
@@ -175,7 +182,7 @@ class SqliteStore final : public Store, public Documents, public Staging, public
 
   CommitResult commit(const std::string& map, const MapUpdate& update) override {
     validate(update);
-    const std::vector<Bytes> frames = frames_of(update);
+    const UpdateFrames frames = frames_of(update);
     CommitResult result;
     write([&](SqliteConnection& c) { result = apply_update(c, map, update, frames); });
     return result;
@@ -216,14 +223,22 @@ class SqliteStore final : public Store, public Documents, public Staging, public
     });
   }
 
-  std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const override {
+  StoredCell stored_cell(const std::string& map, CellId id) const override {
     return readers_.read([&](SqliteConnection& c) {
-      const ContentHash hash = required_cell(c, map, id).hash;
-      if (auto cached = cache_.find(hash)) return cached;
-      auto blob = read_blob(c, hash);
-      cache_.insert(hash, blob);
-      return blob;
+      const auto kept = find_kept(c, read_map_row(c, map).key, id);
+      if (!kept) throw no_cell(map, id);
+      StoredCell cell{kept->hash, kept->form, cache_.find(kept->content)};
+      if (cell.frame) return cell;
+      cell.frame = read_blob(c, kept->content);
+      cache_.insert(kept->content, cell.frame);
+      return cell;
     });
+  }
+
+  std::vector<CellKeeping> keeping(const std::string& map,
+                                   const std::optional<std::string>& session) const override {
+    return readers_.read(
+        [&](SqliteConnection& c) { return read_keeping(c, read_map_row(c, map).key, session); });
   }
 
   std::optional<CellRecord> last_cell(const std::string& map,
@@ -279,19 +294,29 @@ class SqliteStore final : public Store, public Documents, public Staging, public
 
  private:
   /// Compressed before the write, so that writers do it at the same time.
-  static std::vector<Bytes> frames_of(const MapUpdate& update) {
-    std::vector<Bytes> frames;
-    frames.reserve(update.cells.size());
-    for (const NewCell& cell : update.cells) frames.push_back(zstd_compress(cell.encoded.bytes));
+  static UpdateFrames frames_of(const MapUpdate& update) {
+    UpdateFrames frames;
+    for (const NewCell& cell : update.cells) {
+      frames.cells.push_back(frame_of(cell.encoded, cell.coded));
+    }
+    for (const auto& [id, cell] : update.recoded) {
+      frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
+    }
     return frames;
   }
 
   static CellRecord required_cell(SqliteConnection& connection, const std::string& map, CellId id) {
     std::optional<CellRecord> cell = find_cell(connection, read_map_row(connection, map).key, id);
-    if (!cell) {
-      throw Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
-    }
+    if (!cell) throw no_cell(map, id);
     return *std::move(cell);
+  }
+
+  static Error no_cell(const std::string& map, CellId id) {
+    return Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+  }
+
+  static Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
+    return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
   }
 
   /// Returns when what `change(connection)` did is durable; then wakes who waits for changes.

@@ -35,6 +35,21 @@ void delete_unused_blobs(SqliteConnection& connection, const std::vector<Bytes>&
   }
 }
 
+/// The bytes that are kept of a CELL, and what the tables say of them.
+struct Kept {
+  Kept(const EncodedCell& encoded, const std::optional<CodedCopy>& coded)
+      : content(coded ? coded->content : encoded),
+        form(coded ? coded->form : CellForm{}),
+        identity(coded ? std::optional(to_bytes(encoded.hash)) : std::nullopt),
+        source(coded ? std::optional(to_bytes(coded->source)) : std::nullopt) {}
+
+  std::uint32_t encoding() const { return static_cast<std::uint32_t>(form.encoding); }
+
+  const EncodedCell& content;
+  CellForm form;
+  std::optional<Bytes> identity, source;
+};
+
 /// One update on its way into the tables.
 class Update {
  public:
@@ -46,6 +61,7 @@ class Update {
   const MapInfo& info() const { return map_.info; }
 
   void add_cell(const NewCell& cell, const Bytes& frame);
+  void recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame);
   void move_cell(CellId id, const Pose& T_map_cell);
   void align(CellId id);
   void remove_constraint(ConstraintId id);
@@ -58,7 +74,7 @@ class Update {
  private:
   bool is_there_already(const NewCell& cell) const;
   void begin_session(const NewCell& first);
-  void insert_blob(const NewCell& cell, const Bytes& frame);
+  void insert_blob(CellId id, const EncodedCell& content, const Bytes& frame);
   void insert_cell(const NewCell& cell);
   void insert_pose(CellId id, const Pose& T_map_cell);
   std::optional<ConstraintId> find_identical(const Constraint& constraint) const;
@@ -81,7 +97,7 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
   }
   if (is_there_already(cell)) return;
   if (!find_last_cell(connection_, map_.key, cell.cell->session)) begin_session(cell);
-  insert_blob(cell, frame);
+  insert_blob(cell.id, cell.coded ? cell.coded->content : cell.encoded, frame);
   insert_cell(cell);
   insert_pose(cell.id, cell.T_map_cell);
   Query(connection_, "INSERT INTO cell_scans (map, cell, T_odom_cell, scans) VALUES (?, ?, ?, ?)",
@@ -136,33 +152,74 @@ void Update::align(CellId id) {
   changed_ = true;
 }
 
-void Update::insert_blob(const NewCell& cell, const Bytes& frame) {
-  const Bytes hash = to_bytes(cell.encoded.hash);
+void Update::insert_blob(CellId id, const EncodedCell& content, const Bytes& frame) {
+  const Bytes hash = to_bytes(content.hash);
   {
     Query row(connection_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
     if (row.next()) {
-      if (row.unsigned64(0) == cell.encoded.bytes.size()) return;
+      if (row.unsigned64(0) == content.bytes.size()) return;
       throw Error(ErrorCode::kInvalidArgument,
-                  "CELL " + std::to_string(cell.id.value) + ": its hash is that of other bytes");
+                  "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
     }
   }
   Query(connection_, "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?)",
-        hash, cell.encoded.bytes.size(), to_bytes(sha256(frame)), frame)
+        hash, content.bytes.size(), to_bytes(sha256(frame)), frame)
       .run();
 }
 
 void Update::insert_cell(const NewCell& cell) {
   const Eigen::Vector3d& position = cell.T_map_cell.translation();
+  const Kept kept(cell.encoded, cell.coded);
   Query(connection_,
         "INSERT INTO cell (map, id, hash, session, sequence, planes, encoded_bytes, added, moved, "
-        "x, y, z, rotation, gx, gy, scans, raw_points, voxel_points) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        map_.key, cell.id.value, to_bytes(cell.encoded.hash), cell.cell->session,
+        "x, y, z, rotation, gx, gy, scans, raw_points, voxel_points, encoding, bound_um, identity, "
+        "source) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        map_.key, cell.id.value, to_bytes(kept.content.hash), cell.cell->session,
         cell.cell->sequence, cell.cell->planes.size(), cell.encoded.bytes.size(), revision_,
         revision_, position.x(), position.y(), position.z(), rotation_to_bytes(cell.T_map_cell),
         grid_key(position.x()), grid_key(position.y()), cell.scans.size(), cell.raw_points,
-        cell.voxel_points)
+        cell.voxel_points, kept.encoding(), kept.form.bound_um, kept.identity, kept.source)
       .run();
+}
+
+void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) return require_cell(id);
+  if (cell->hash != recoded.from) {
+    throw Error(ErrorCode::kPreconditionFailed,
+                "CELL " + std::to_string(id.value) + " of map " + map_.info.name +
+                    " has another content by now; read it again and repeat");
+  }
+  const Kept kept(recoded.encoded, recoded.coded);
+  Bytes before;
+  {
+    Query row(connection_,
+              "SELECT cell.hash, LENGTH(frame) FROM cell JOIN blob ON blob.hash = cell.hash "
+              "WHERE map = ? AND id = ?",
+              map_.key, id.value);
+    row.next();
+    before.assign(row.bytes(0).begin(), row.bytes(0).end());
+    map_.info.stored_bytes -= std::min(map_.info.stored_bytes, row.unsigned64(1));
+  }
+  insert_blob(id, kept.content, frame);
+  const bool is_replaced = recoded.encoded.hash != recoded.from;
+  Query(connection_,
+        "UPDATE cell SET hash = ?, encoded_bytes = ?, encoding = ?, bound_um = ?, identity = ?, "
+        "source = ? WHERE map = ? AND id = ?",
+        to_bytes(kept.content.hash), recoded.encoded.bytes.size(), kept.encoding(),
+        kept.form.bound_um, kept.identity, kept.source, map_.key, id.value)
+      .run();
+  if (is_replaced) {
+    Query(connection_, "UPDATE cell SET replaced = ?, moved = ? WHERE map = ? AND id = ?",
+          revision_, revision_, map_.key, id.value)
+        .run();
+    insert_pose(id, cell->T_map_cell);  // `moved` names a row of the history
+  }
+  delete_unused_blobs(connection_, {before});
+  map_.info.stored_bytes += frame.size();
+  map_.info.encoded_bytes += recoded.encoded.bytes.size();
+  map_.info.encoded_bytes -= std::min(map_.info.encoded_bytes, cell->encoded_bytes);
+  changed_ = true;
 }
 
 void Update::insert_pose(CellId id, const Pose& T_map_cell) {
@@ -343,7 +400,7 @@ Revision Update::finish() {
 }  // namespace
 
 void insert_map(SqliteConnection& connection, const std::string& name, const LatticeSpec& lattice,
-                Stamp created) {
+                const CellForm& form, Stamp created) {
   {
     Query row(connection, "SELECT 1 FROM map WHERE name = ?", name);
     if (row.next()) {
@@ -351,8 +408,10 @@ void insert_map(SqliteConnection& connection, const std::string& name, const Lat
     }
   }
   Query(connection,
-        "INSERT INTO map (name, lattice_kind, lattice_size, created) VALUES (?, ?, ?, ?)", name,
-        static_cast<std::uint32_t>(lattice.kind), lattice.size, created)
+        "INSERT INTO map (name, lattice_kind, lattice_size, created, encoding, bound_um) "
+        "VALUES (?, ?, ?, ?, ?, ?)",
+        name, static_cast<std::uint32_t>(lattice.kind), lattice.size, created,
+        static_cast<std::uint32_t>(form.encoding), form.bound_um)
       .run();
 }
 
@@ -368,6 +427,12 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
   Query(connection, "DELETE FROM cell WHERE map = ?", map).run();
   delete_unused_blobs(connection, hashes);
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
+}
+
+void write_form(SqliteConnection& connection, const std::string& map, const CellForm& form) {
+  Query(connection, "UPDATE map SET encoding = ?, bound_um = ? WHERE id = ?",
+        static_cast<std::uint32_t>(form.encoding), form.bound_um, read_map_row(connection, map).key)
+      .run();
 }
 
 void write_document(SqliteConnection& connection, const std::string& map, const std::string& name,
@@ -429,7 +494,7 @@ void insert_session(SqliteConnection& connection, const std::string& map,
 }
 
 CommitResult apply_update(SqliteConnection& connection, const std::string& map,
-                          const MapUpdate& update, std::span<const Bytes> frames) {
+                          const MapUpdate& update, const UpdateFrames& frames) {
   Update writer(connection, map);
   if (update.expected_revision && *update.expected_revision != writer.info().revision) {
     throw Error(ErrorCode::kPreconditionFailed,
@@ -438,7 +503,11 @@ CommitResult apply_update(SqliteConnection& connection, const std::string& map,
                     "; read it again and repeat");
   }
   for (const std::string& session : update.remove_sessions) writer.remove_session(session);
-  for (std::size_t i = 0; i < update.cells.size(); ++i) writer.add_cell(update.cells[i], frames[i]);
+  for (std::size_t i = 0; i < update.cells.size(); ++i) {
+    writer.add_cell(update.cells[i], frames.cells[i]);
+  }
+  auto frame = frames.recoded.begin();
+  for (const auto& [id, recoded] : update.recoded) writer.recode_cell(id, recoded, *frame++);
   for (const auto& [id, T_map_cell] : update.poses) writer.move_cell(id, T_map_cell);
   for (const CellId id : update.aligned) writer.align(id);
   for (const ConstraintId id : update.remove_constraints) writer.remove_constraint(id);

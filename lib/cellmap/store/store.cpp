@@ -4,7 +4,9 @@
 #include <array>
 #include <utility>
 
+#include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/read_cell.hpp"
 
 namespace cellmap {
 namespace {
@@ -46,12 +48,14 @@ JobState job_state_from_string(std::string_view name) {
               "job state: expected queued, running, succeeded, failed or cancelled");
 }
 
-MapUpdate to_map_update(CellUpdate update) {
+MapUpdate to_map_update(CellUpdate update, std::optional<KeptCell> kept) {
   MapUpdate result;
   if (update.cell) {
+    if (!kept) kept = keep_cell(update.cell, {});
     result.cells.push_back({.id = update.id,
                             .cell = update.cell,
-                            .encoded = encode_cell(*update.cell),
+                            .encoded = std::move(kept->encoded),
+                            .coded = std::move(kept->coded),
                             .T_map_cell = update.poses.at(update.id),
                             .unaligned = update.unaligned,
                             .scans = std::move(update.scans),
@@ -64,6 +68,12 @@ MapUpdate to_map_update(CellUpdate update) {
   result.aligned = std::move(update.aligned);
   result.add_constraints = std::move(update.constraints);
   return result;
+}
+
+std::shared_ptr<const Bytes> Store::compressed_cell(const std::string& map, CellId id) const {
+  const StoredCell stored = stored_cell(map, id);
+  if (stored.form.encoding == KeptEncoding::kRaw) return stored.frame;
+  return std::make_shared<const Bytes>(zstd_compress(open_stored_cell(stored).encoded.bytes));
 }
 
 void validate_map_name(const std::string& name) {

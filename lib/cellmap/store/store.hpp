@@ -13,6 +13,7 @@
 #include "cellmap/cell/cell.hpp"
 #include "cellmap/cell/local_map.hpp"
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/kept_cell.hpp"
 #include "cellmap/core/hash.hpp"
 #include "cellmap/core/id.hpp"
 #include "cellmap/map/georeference.hpp"
@@ -41,7 +42,7 @@ struct MapInfo {
   std::uint64_t planes = 0;
   std::uint64_t constraints = 0;
   std::uint64_t encoded_bytes = 0;  ///< of all CELLs, as FlatBuffers
-  std::uint64_t stored_bytes = 0;   ///< of all CELLs, as kept (zstd)
+  std::uint64_t stored_bytes = 0;   ///< of all CELLs, as kept
   std::uint64_t scans = 0;
   std::uint64_t raw_points = 0;  ///< points of all scans before filtering
   std::uint64_t voxel_points =
@@ -50,6 +51,8 @@ struct MapInfo {
   Eigen::AlignedBox3d bounds;
   std::vector<std::string> sessions;
   std::optional<Georeference> georeference;
+  CellForm form;                           ///< in which CELLs that come from now on are to be kept
+  std::map<CellForm, std::uint64_t> kept;  ///< how many CELLs are kept in which form
 };
 
 /// One drive of one robot into a map.
@@ -89,16 +92,40 @@ struct CellPage {
   std::string next_cursor;        ///< empty on the last page
 };
 
+/// The bytes of a CELL as a store keeps them.
+struct StoredCell {
+  ContentHash hash;  ///< CellRecord::hash
+  CellForm form;
+  std::shared_ptr<const Bytes> frame;  ///< one zstd frame: of the encoded CELL, or of a coded one
+};
+
+/// What is known of the kept bytes of a CELL without reading them.
+struct CellKeeping {
+  CellId id;
+  ContentHash hash;    ///< CellRecord::hash
+  ContentHash source;  ///< CodedCopy::source; where raw, `hash`
+  CellForm form;
+};
+
 /// A CELL to be stored.
 struct NewCell {
   CellId id;
   std::shared_ptr<const Cell> cell;
   EncodedCell encoded;  ///< encode_cell(*cell)
+  /// What is kept in place of `encoded`; its bytes decode to `cell` (`keep_cell`).
+  std::optional<CodedCopy> coded = {};
   Pose T_map_cell = Pose::Identity();
   bool unaligned = false;  ///< its session, where this CELL makes it, is not in the map frame
   std::vector<ScanInCell> scans;  ///< its stretch of the trajectory; may be empty
   std::uint64_t raw_points = 0;
   std::uint64_t voxel_points = 0;  ///< 0.4 m voxels that the drive hit here first
+};
+
+/// Other bytes for a CELL that is there.
+struct RecodedCell {
+  ContentHash from;     ///< CellRecord::hash now; else Error{kPreconditionFailed}
+  EncodedCell encoded;  ///< as in NewCell, as is the next one
+  std::optional<CodedCopy> coded = {};
 };
 
 /// Any change to a map: one transaction, one new revision. Carried out in the order of the fields,
@@ -107,6 +134,9 @@ struct NewCell {
 /// {kTooLarge}.
 struct MapUpdate {
   std::vector<NewCell> cells;
+  /// A CELL whose hash becomes another one is told as `added` anew; its pose stays, and so do
+  /// revisions before this one, with the new bytes.
+  std::map<CellId, RecodedCell> recoded;
   std::map<CellId, Pose> poses;  ///< of CELLs that moved; equal poses change nothing
   std::set<CellId> aligned;      ///< their sessions join the map frame
   /// Unnumbered; the store numbers them in this order, from 1. One that is there already, equal in
@@ -122,8 +152,9 @@ struct MapUpdate {
   std::optional<Revision> expected_revision;
 };
 
-/// The update that commits what the pipeline made of one CELL.
-MapUpdate to_map_update(CellUpdate update);
+/// The update that commits what the pipeline made of one CELL. `kept`: its bytes, where it was
+/// brought into a form before (`kept->cell` is `update.cell`); else it is kept raw.
+MapUpdate to_map_update(CellUpdate update, std::optional<KeptCell> kept = {});
 
 struct CommitResult {
   Revision revision = 0;                     ///< unchanged where the update changed nothing
@@ -164,13 +195,17 @@ class Store {
   /// Map names: 1 to 64 characters [a-z0-9_-], starting with a letter or digit
   /// (`validate_map_name`). Error{kAlreadyExists} where the name is taken, {kUnsupported} for an
   /// unknown lattice.
-  virtual MapInfo create_map(const std::string& name, const LatticeSpec& lattice) = 0;
+  virtual MapInfo create_map(const std::string& name, const LatticeSpec& lattice,
+                             const CellForm& form = {}) = 0;
   /// Also its history and the bytes that no other map uses; jobs stay.
   virtual void delete_map(const std::string& name) = 0;
   /// No part of a revision, since no pose in the map depends on it; nullopt takes it away.
   /// Error{kInvalidArgument} out of range.
   virtual void set_georeference(const std::string& map,
                                 const std::optional<Georeference>& georeference) = 0;
+  /// `MapInfo::form`: who adds CELLs brings them into it (`keep_cell`). No part of a revision;
+  /// what is kept stays as it is (`convert_cells`).
+  virtual void set_form(const std::string& map, const CellForm& form) = 0;
   virtual std::vector<MapInfo> maps() const = 0;  ///< by name
   virtual MapInfo map(const std::string& name) const = 0;
   /// The little of `map` that tells whether anything has changed: reads one row.
@@ -189,8 +224,14 @@ class Store {
   /// by id where equally far.
   virtual std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                           std::size_t count) const = 0;
-  /// The zstd frame of the encoded CELL, as it was written (checksum verified).
-  virtual std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const = 0;
+  /// The bytes that are kept of a CELL, as they were written (checksum verified).
+  virtual StoredCell stored_cell(const std::string& map, CellId id) const = 0;
+  /// A zstd frame of the encoded CELL: as it was written where it is kept raw, else made anew (see
+  /// store/read_cell.hpp for the CELL itself).
+  std::shared_ptr<const Bytes> compressed_cell(const std::string& map, CellId id) const;
+  /// How the CELLs of a map, or of one session of it, are kept; by id.
+  virtual std::vector<CellKeeping> keeping(
+      const std::string& map, const std::optional<std::string>& session = {}) const = 0;
   /// Makes a session without CELLs; one that is there already, described alike, is left alone, and
   /// one without a description (its CELLs made it) takes this one. Error{kAlreadyExists} where it
   /// is described otherwise.

@@ -58,14 +58,24 @@ void check_session(const std::string& session) {
   }
 }
 
+void check_bytes(const std::string& name, const EncodedCell& encoded,
+                 const std::optional<CodedCopy>& coded) {
+  if (encoded.bytes.empty()) invalid(name + ": its encoded bytes are missing");
+  check_size("bytes of an encoded CELL", encoded.bytes.size(), kMaxCellBytes);
+  if (!coded) return;
+  coded->form.validate();
+  if (coded->form.encoding == KeptEncoding::kRaw) invalid(name + ": a coded CELL is not raw");
+  if (coded->content.bytes.empty()) invalid(name + ": its coded bytes are missing");
+  check_size("bytes of a coded CELL", coded->content.bytes.size(), kMaxCellBytes);
+}
+
 void check_new_cell(const NewCell& cell) {
   const std::string name = "CELL " + std::to_string(cell.id.value);
   if (!cell.cell) invalid(name + ": has no content");
   check_session(cell.cell->session);
   check_pose(name + ": T_map_cell", cell.T_map_cell);
   check_pose(name + ": T_odom_cell", cell.cell->T_odom_cell);
-  if (cell.encoded.bytes.empty()) invalid(name + ": its encoded bytes are missing");
-  check_size("bytes of an encoded CELL", cell.encoded.bytes.size(), kMaxCellBytes);
+  check_bytes(name, cell.encoded, cell.coded);
   check_count("raw_points", cell.raw_points);
   check_count("voxel_points", cell.voxel_points);
   check_size("scans of a CELL", cell.scans.size(), Limits::kMaxScansPerCell);
@@ -133,7 +143,11 @@ void validate(const MapUpdate& update) {
   check_size("new constraints", update.add_constraints.size(), Limits::kMaxConstraintsPerUpdate);
   check_size("removed constraints", update.remove_constraints.size(),
              Limits::kMaxConstraintsPerUpdate);
+  check_size("recoded CELLs", update.recoded.size(), Limits::kMaxCellsPerUpdate);
   check_new_cells(update.cells);
+  for (const auto& [id, recoded] : update.recoded) {
+    check_bytes("CELL " + std::to_string(id.value), recoded.encoded, recoded.coded);
+  }
   for (const auto& [id, pose] : update.poses) {
     check_pose("CELL " + std::to_string(id.value) + ": T_map_cell", pose);
   }

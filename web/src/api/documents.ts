@@ -88,7 +88,7 @@ export interface Relocalisation extends Partial<Place> {
 export interface Job {
   id: number;
   map: string;
-  kind: "ingest" | "merge";
+  kind: "ingest" | "merge" | "convert";
   state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
   session: string | null;
   scans_done: number;

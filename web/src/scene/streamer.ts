@@ -196,7 +196,9 @@ export class Streamer {
     const cell = this.cells.get(id);
     if (!cell) return;
     const wanted = this.levels.get(id) ?? LEVELS - 1;
-    const level = this.fitsInMemory() || wanted < COARSE_LEVEL ? (coarse ? COARSE_LAYER_LEVEL : 0) : COARSE_LEVEL;
+    // Software copies every patch to where it draws from, also those that it does not draw.
+    const keepsAll = this.fitsInMemory() && !this.stage.drawsInSoftware;
+    const level = keepsAll || wanted < COARSE_LEVEL ? (coarse ? COARSE_LAYER_LEVEL : 0) : COARSE_LEVEL;
     const kept = level < COARSE_LEVEL ? patches : coarser(patches, level);
     this.layer.add(id, kept, cell.session, cell.pose);
     this.layer.setLevel(id, this.levels.get(id) ?? null);

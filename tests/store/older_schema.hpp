@@ -1,0 +1,16 @@
+#pragma once
+
+namespace cellmap::test {
+
+/// SQL that takes back what version 5 of the schema added, for tests that make an older store.
+inline constexpr const char* kUndoSchema5 = R"sql(
+    ALTER TABLE map DROP COLUMN encoding;
+    ALTER TABLE map DROP COLUMN bound_um;
+    ALTER TABLE cell DROP COLUMN encoding;
+    ALTER TABLE cell DROP COLUMN bound_um;
+    ALTER TABLE cell DROP COLUMN identity;
+    ALTER TABLE cell DROP COLUMN source;
+    ALTER TABLE cell DROP COLUMN replaced;
+    )sql";
+
+}  // namespace cellmap::test
