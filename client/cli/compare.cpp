@@ -67,9 +67,9 @@ PublishedRow pin_slam() {
 /// CELLs in every form; and those of patches without depth, which are the paper's number of planes.
 std::vector<Representation> cell_representations(const Options& options,
                                                  const MapperOptions& mapper) {
-  std::vector<CellForm> forms = {{CellForm::Kind::kRaw, 0}, {CellForm::Kind::kPacked, 0}};
+  std::vector<CellForm> forms = {{}, {KeptEncoding::kPacked}};
   for (const double bound_m : {0.005, 0.01, 0.02, 0.03, 0.05}) {
-    forms.push_back({CellForm::Kind::kCompact, bound_m});
+    forms.push_back(compact_form(bound_m));
   }
   const LatticeSpec lattice = options.mapper.lattice();
   std::vector<Representation> rows;

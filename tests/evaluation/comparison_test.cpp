@@ -27,7 +27,7 @@ ComparisonOptions quick_options() {
 
 std::vector<Representation> some_rows() {
   return {raw_points(), voxel_points(0.4),
-          cells({CellForm::Kind::kCompact, 0.02}, 6, {}, {LatticeKind::kFibonacci, 20'000})};
+          cells(compact_form(0.02), 6, {}, {LatticeKind::kFibonacci, 20'000})};
 }
 
 Comparison compare_street(int threads) {

@@ -142,9 +142,9 @@ TEST(Cells, OfEveryFormHaveTheSamePlanesAndPoses) {
     const Representation row = cells(form, 6, {}, {LatticeKind::kFibonacci, 20'000});
     return row.decode(row.encode(drive));
   };
-  const DecodedMap raw = read({CellForm::Kind::kRaw, 0});
-  const DecodedMap packed = read({CellForm::Kind::kPacked, 0});
-  const DecodedMap compact = read({CellForm::Kind::kCompact, 0.02});
+  const DecodedMap raw = read({});
+  const DecodedMap packed = read(CellForm{KeptEncoding::kPacked});
+  const DecodedMap compact = read(compact_form(0.02));
   ASSERT_EQ(raw.cells.size(), 3u);
   for (std::size_t k = 0; k < raw.cells.size(); ++k) {
     EXPECT_EQ(raw.cells[k].target->cell().planes, packed.cells[k].target->cell().planes);
@@ -156,10 +156,10 @@ TEST(Cells, OfEveryFormHaveTheSamePlanesAndPoses) {
 
 TEST(Cells, AreNamedByTheirForm) {
   std::set<std::string> names;
-  for (const CellForm& form : {CellForm{CellForm::Kind::kRaw, 0},
-                               {CellForm::Kind::kPacked, 0},
-                               {CellForm::Kind::kCompact, 0.005},
-                               {CellForm::Kind::kCompact, 0.02}}) {
+  for (const CellForm& form : {CellForm{},
+                               CellForm{KeptEncoding::kPacked},
+                               compact_form(0.005),
+                               compact_form(0.02)}) {
     names.insert(cells(form, 6, {}, {}).name);
   }
   EXPECT_EQ(names.size(), 4u);

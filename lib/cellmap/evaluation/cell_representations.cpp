@@ -17,15 +17,15 @@ namespace {
 constexpr char kPosesName[] = "poses.graph";
 
 std::string name_of(const CellForm& form) {
-  if (form.kind == CellForm::Kind::kRaw) return "CELLs, raw (the paper's)";
-  if (form.kind == CellForm::Kind::kPacked) return "CELLs, packed";
-  return "CELLs, compact, " + std::to_string(std::lround(form.bound_m * 1000)) + " mm";
+  if (form.encoding == KeptEncoding::kRaw) return "CELLs, raw (the paper's)";
+  if (form.encoding == KeptEncoding::kPacked) return "CELLs, packed";
+  return "CELLs, compact, " + std::to_string(std::lround(form.bound_m() * 1000)) + " mm";
 }
 
 Bytes encoded(const CellForm& form, const Cell& cell) {
-  if (form.kind == CellForm::Kind::kRaw) return encode_cell(cell).bytes;
-  if (form.kind == CellForm::Kind::kPacked) return encode_packed_cell(cell).bytes;
-  return encode_compact_cell(cell, form.bound_m).bytes;
+  if (form.encoding == KeptEncoding::kRaw) return encode_cell(cell).bytes;
+  if (form.encoding == KeptEncoding::kPacked) return encode_packed_cell(cell).bytes;
+  return encode_compact_cell(cell, form.bound_m()).bytes;
 }
 
 std::vector<Cell> build_cells(const ComparedDrive& drive, double cell_distance_m,
@@ -75,7 +75,7 @@ DecodedMap read_cells(const MapFiles& files, const CellForm& form,
   const PoseGraph graph = decode_pose_graph(poses->bytes);
   for (const MapFile& file : files) {
     if (&file == &*poses) continue;
-    Cell cell = form.kind == CellForm::Kind::kRaw ? decode_cell(file.bytes)
+    Cell cell = form.encoding == KeptEncoding::kRaw ? decode_cell(file.bytes)
                                                   : decode_coded_cell(file.bytes).cell;
     const Pose T_map_cell = graph.nodes.at(CellId{cell.sequence + 1});
     map.cells.push_back({std::make_shared<const RegistrationTarget>(

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/codec/cell_form.hpp"
 #include "cellmap/evaluation/compared_drive.hpp"
 #include "cellmap/geometry/triangle_mesh.hpp"
 #include "cellmap/registration/registration.hpp"
@@ -65,12 +66,6 @@ Representation quantised_voxels(double voxel_m, double step_m);
 /// Discs: centre, normal and radius as seven floats, one for each voxel whose points lie in a
 /// plane; what SuMa keeps, without its colour, confidence and time.
 Representation surfels(double voxel_m);
-
-/// How CELLs are kept.
-struct CellForm {
-  enum class Kind { kRaw, kPacked, kCompact } kind = Kind::kRaw;
-  double bound_m = 0;  ///< kCompact
-};
 
 /// CELLs as `Mapper` makes them, one file each, and their poses in one (pose_graph.fbs). `build`
 /// and `lattice` as there.
