@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <iterator>
 #include <numbers>
+#include <ranges>
 
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/pose_search.hpp"
@@ -111,15 +112,17 @@ void BackEnd::close(const Neighbour& cell, PoseGraph& graph, CellUpdate& update)
   const std::map<CellId, Pose> before = graph.nodes;
   const std::set<CellId> unaligned = graph.unaligned;
   append(graph.constraints, join_islands(cell, graph));
-  append(graph.constraints, close_loops(cell, graph));
+  std::set<CellId> joined;
+  std::ranges::set_difference(unaligned, graph.unaligned, std::inserter(joined, joined.end()));
+  close_loops_of(joined, cell, graph);
+  append(graph.constraints, close_loops(cell.id, cell.cell.points, targets_with(cell), graph));
   if (is_unchanged()) return;
   optimize(graph, options_.pose_graph);
   const auto first_new = std::ssize(judged_before) - std::ssize(update.constraints);
   update.constraints.assign(graph.constraints.begin() + first_new, graph.constraints.end());
   update.judged = judged_anew(judged_before, graph.constraints);
   update.poses = changed_poses(before, graph.nodes);
-  std::ranges::set_difference(unaligned, graph.unaligned,
-                              std::inserter(update.aligned, update.aligned.end()));
+  update.aligned = std::move(joined);
 }
 
 std::vector<Constraint> BackEnd::tie_to_previous(CellId id, const FinishedCell& next) const {
@@ -151,17 +154,30 @@ TargetProvider BackEnd::targets_with(const Neighbour& next) const {
       [this, &next](CellId id) { return id == next.id ? next.cell.target : access_.targets(id); };
 }
 
-std::vector<Constraint> BackEnd::close_loops(const Neighbour& next, const PoseGraph& graph) const {
+std::vector<Constraint> BackEnd::close_loops(CellId id, const PointCloud& points,
+                                             const TargetProvider& targets,
+                                             const PoseGraph& graph) const {
   std::vector<Constraint> loops;
   if (!options_.loop_closures) return loops;
-  for (const LoopClosure& closure :
-       detect_loops(graph, next.id, next.cell.points, targets_with(next), options_.loops)) {
+  for (const LoopClosure& closure : detect_loops(graph, id, points, targets, options_.loops)) {
     const bool is_known = std::ranges::any_of(graph.constraints, [&](const Constraint& c) {
       return std::minmax(c.from, c.to) == std::minmax(closure.from, closure.to);
     });
     if (!is_known) loops.push_back(to_constraint(closure, ConstraintOrigin::kMapper));
   }
   return loops;
+}
+
+/// When they came, nobody knew what is near them. The last ones: where the islands have met.
+void BackEnd::close_loops_of(const std::set<CellId>& joined, const Neighbour& next,
+                             PoseGraph& graph) const {
+  constexpr std::ptrdiff_t kMost = 50;
+  const TargetProvider targets = targets_with(next);
+  for (const CellId id : joined | std::views::reverse | std::views::take(kMost)) {
+    if (id == next.id) continue;
+    const FinishedCell cell = finished_without_scans(targets(id));
+    append(graph.constraints, close_loops(id, cell.points, targets, graph));
+  }
 }
 
 std::vector<Constraint> BackEnd::join_islands(const Neighbour& next, PoseGraph& graph) const {

@@ -50,7 +50,8 @@ class BackEnd {
 
   /// Adds the next CELL of the session to the graph and makes it consistent. Its id is the
   /// graph's `new_cell_id`. The first CELL of a session in a map that is not empty starts an island
-  /// at its odometry pose.
+  /// at its odometry pose. Where a session joins the map, loops are closed for the last 50 of its
+  /// CELLs too.
   CellUpdate integrate(FinishedCell next, PoseGraph& graph);
 
   /// Looks once more for what ties a CELL of the graph to other islands and visits, as when it
@@ -66,7 +67,10 @@ class BackEnd {
   void close(const Neighbour& cell, PoseGraph& graph, CellUpdate& update) const;
   std::vector<Constraint> tie_to_previous(CellId id, const FinishedCell& next) const;
   bool is_believable(const RegistrationResult& result, const Pose& T_odometry) const;
-  std::vector<Constraint> close_loops(const Neighbour& next, const PoseGraph& graph) const;
+  std::vector<Constraint> close_loops(CellId id, const PointCloud& points,
+                                      const TargetProvider& targets, const PoseGraph& graph) const;
+  void close_loops_of(const std::set<CellId>& joined, const Neighbour& next,
+                      PoseGraph& graph) const;
   std::vector<Constraint> join_islands(const Neighbour& next, PoseGraph& graph) const;
   TargetProvider targets_with(const Neighbour& next) const;
 
