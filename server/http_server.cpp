@@ -123,8 +123,13 @@ struct HttpServer::Impl : httplib::Server {
                                   const httplib::ContentReader& reader) {
       read_and_handle(request, response, reader);
     };
-    Get(".*", bare);
-    Options(".*", bare);
+    // Before httplib's routes, whose patterns cost more than most answers.
+    set_pre_routing_handler([bare](const httplib::Request& request, httplib::Response& response) {
+      const bool is_bare =
+          request.method == "GET" || request.method == "HEAD" || request.method == "OPTIONS";
+      if (is_bare) bare(request, response);
+      return is_bare ? HandlerResponse::Handled : HandlerResponse::Unhandled;
+    });
     Post(".*", with_body);
     Put(".*", with_body);
     Patch(".*", with_body);

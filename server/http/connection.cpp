@@ -4,6 +4,7 @@
 #include <netinet/in.h>
 #include <poll.h>
 #include <sys/socket.h>
+#include <sys/uio.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -105,13 +106,22 @@ std::size_t Connection::read(char* data, std::size_t size) {
   return size;
 }
 
-/// Sends what the socket takes, and waits for it to take all where the worker is patient.
-bool Connection::send_now(std::string_view data, std::size_t& sent) {
+/// Sends what the socket takes of both, one after the other, and waits for it to take all where the
+/// worker is patient.
+bool Connection::send_now(std::string_view first, std::string_view second, std::size_t& sent) {
   const auto start = Clock::now();
   sent = 0;
-  while (sent < data.size()) {
-    const ssize_t taken =
-        ::send(socket_, data.data() + sent, data.size() - sent, MSG_NOSIGNAL | MSG_DONTWAIT);
+  while (sent < first.size() + second.size()) {
+    const auto rest = [](std::string_view part, std::size_t gone) {
+      part.remove_prefix(std::min(gone, part.size()));
+      return iovec{const_cast<char*>(part.data()), part.size()};
+    };
+    std::array<iovec, 2> parts = {rest(first, sent),
+                                  rest(second, sent - std::min(sent, first.size()))};
+    msghdr message{};
+    message.msg_iov = parts.data();
+    message.msg_iovlen = parts.size();
+    const ssize_t taken = ::sendmsg(socket_, &message, MSG_NOSIGNAL | MSG_DONTWAIT);
     if (taken >= 0) {
       sent += static_cast<std::size_t>(taken);
     } else if (would_block()) {
@@ -129,27 +139,24 @@ bool Connection::write(std::string_view data) {
     output_.append(data);
     return !at_once_ || flush();
   }
-  // The head goes with the first part of its body, in one packet where they fit.
-  if (output_.size() < kJoinBytes) {
-    const std::size_t part = kJoinBytes - output_.size();
-    output_.append(data.substr(0, part));
-    data.remove_prefix(part);
-  }
-  if (!flush()) return false;
-  std::size_t sent = 0;
-  if (pending() == 0 && !send_now(data, sent)) return false;
-  output_.append(data.substr(sent));
-  return true;
+  return send_with_output(data);
 }
 
-bool Connection::flush() {
+bool Connection::flush() { return send_with_output({}); }
+
+/// What waits and then `data`, in one call; what the socket does not take waits.
+bool Connection::send_with_output(std::string_view data) {
+  const std::string_view waiting = std::string_view(output_).substr(sent_);
   std::size_t sent = 0;
-  if (!send_now(std::string_view(output_).substr(sent_), sent)) return false;
-  sent_ += sent;
-  if (pending() == 0) {
-    output_.clear();
-    sent_ = 0;
+  if (!send_now(waiting, data, sent)) return false;
+  if (sent < waiting.size()) {
+    sent_ += sent;
+    output_.append(data);
+    return true;
   }
+  data.remove_prefix(sent - waiting.size());
+  output_.assign(data);
+  sent_ = 0;
   return true;
 }
 

@@ -63,7 +63,8 @@ class Connection {
 
  private:
   bool wait(short events, Clock::time_point deadline) const;
-  bool send_now(std::string_view data, std::size_t& sent);
+  bool send_now(std::string_view first, std::string_view second, std::size_t& sent);
+  bool send_with_output(std::string_view data);
   Clock::time_point slowest(Clock::time_point start, std::chrono::milliseconds timeout,
                             std::size_t bytes) const;
 

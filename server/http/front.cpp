@@ -27,6 +27,8 @@ constexpr std::chrono::milliseconds kTick(100);
 /// How long a closing connection may still be sending, so that its peer reads the answer before the
 /// reset.
 constexpr std::chrono::milliseconds kCloseTimeout(1'000);
+/// What the kernel may hold of an answer: nearly all CELLs, so that they are handed over at once.
+constexpr int kSendBufferBytes = 256 << 10;
 /// Requests of one connection that a worker answers in a row before others get a turn.
 constexpr int kRequestsInARow = 16;
 
@@ -140,6 +142,7 @@ struct Front::Impl {
   void add(int socket) {
     const int yes = 1;
     ::setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof(yes));  // fails for a unix socket
+    ::setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &kSendBufferBytes, sizeof(kSendBufferBytes));
     if (clients.size() >= options.max_connections && !make_room()) {
       const std::string answer = own_answer(overloaded());
       ::send(socket, answer.data(), answer.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
