@@ -280,8 +280,8 @@ class SplitWriter(Writer):
             api.send("POST", "/v1/maps/whole/split", {"sessions": ["second"], "into": "part"})
             self.split = True
         else:
+            self.split = None  # before: a deletion whose answer was lost may have been carried out
             api.call("DELETE", "/v1/maps/part")
-            self.split = None
             api.call("DELETE", "/v1/maps/whole")
             self.split = False
         self.acknowledged += 1
