@@ -258,7 +258,7 @@ def report(programs, server, world, robots, seen, follower):
         "the follower fetched a CELL twice": sum(update["fetched"] for update in updates) == len(now),
         "following took more than a tenth of sending the map again": received < again / 10,
         "CELLs took more than a tenth of the scans": all(r["sent_bytes"] < r["raw_scan_bytes"] / 10 for r in robots),
-        "the position error is over 1.1 times that of one robot, and over 5 cm more": together < max(1.1 * alone, alone + 0.05),
+        "the position error is over 1.1 times that of one robot, and over 5 mm more": together < max(1.1 * alone, alone + 0.005),
     }
     return [failure for failure, holds in musts.items() if not holds]
 

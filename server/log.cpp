@@ -37,7 +37,8 @@ class JsonFormatter : public spdlog::formatter {
     auto text = view(message.payload);
     Json json{{"time", to_rfc3339(time)}, {"level", std::string(view(level))}};
     const auto fields = text.find(kFieldsFollow);
-    const Json more = fields == text.npos ? Json() : Json::parse(text.substr(fields + 1));
+    const Json more =
+        fields == text.npos ? Json() : Json::parse(text.substr(fields + 1), nullptr, false);
     text = text.substr(0, fields);
     const auto end = text.find("] ");
     if (text.starts_with('[') && end != text.npos) {
@@ -45,7 +46,7 @@ class JsonFormatter : public spdlog::formatter {
       text.remove_prefix(end + 2);
     }
     json["message"] = std::string(text);
-    for (const auto& [key, value] : more.items()) json[key] = value;
+    if (more.is_object()) json.update(more);  // a message from outside may hold anything
     const std::string line = dump(json) + "\n";
     out.append(line.data(), line.data() + line.size());
   }

@@ -32,8 +32,9 @@ TEST(Log, ALineOfJsonSaysWhoseRequestAndItsFields) {
 }
 
 TEST(Log, AnyTextIsALineOfJson) {
-  for (const std::string& text : {std::string("plain"), std::string("[no end"), std::string(""),
-                                  std::string("\xff\xfe"), std::string("a\0b", 3)}) {
+  for (const std::string& text :
+       {std::string("plain"), std::string("[no end"), std::string(""), std::string("\xff\xfe"),
+        std::string("a\0b", 3), std::string("a\x1e{no fields")}) {
     const Json json = Json::parse(logged(LogFormat::kJson, text));
     EXPECT_FALSE(json.contains("request_id"));
   }

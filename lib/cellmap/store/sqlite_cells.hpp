@@ -46,4 +46,10 @@ std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const Conte
 std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
                                   const std::string& session);
 
+/// Hashes of the blobs of a map's CELLs, or of one session's.
+std::vector<Bytes> kept_contents(SqliteConnection& connection, std::int64_t map,
+                                 const std::optional<std::string>& session);
+/// Deletes those of the blobs that no CELL has.
+void delete_unused_blobs(SqliteConnection& connection, const std::vector<Bytes>& contents);
+
 }  // namespace cellmap

@@ -10,6 +10,7 @@
 #include "cellmap/store/sqlite_reads.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
 #include "cellmap/store/sqlite_staging.hpp"
+#include "cellmap/store/sqlite_update.hpp"
 #include "cellmap/store/sqlite_writes.hpp"
 #include "cellmap/store/staging.hpp"
 #include "cellmap/store/store_file.hpp"

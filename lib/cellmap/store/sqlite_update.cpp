@@ -1,0 +1,409 @@
+#include "cellmap/store/sqlite_update.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "cellmap/store/row_codec.hpp"
+#include "cellmap/store/sqlite_cells.hpp"
+#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sqlite_schema.hpp"
+
+namespace cellmap {
+namespace {
+
+Bytes to_bytes(const ContentHash& hash) {
+  const auto raw = std::as_bytes(std::span(hash.bytes));
+  return {raw.begin(), raw.end()};
+}
+
+/// The bytes that are kept of a CELL, and what the tables say of them.
+struct Kept {
+  Kept(const EncodedCell& encoded, const std::optional<CodedCopy>& coded)
+      : content(coded ? coded->content : encoded),
+        form(coded ? coded->form : CellForm{}),
+        identity(coded ? std::optional(to_bytes(encoded.hash)) : std::nullopt),
+        source(coded ? std::optional(to_bytes(coded->source)) : std::nullopt) {}
+
+  std::uint32_t encoding() const { return static_cast<std::uint32_t>(form.encoding); }
+
+  const EncodedCell& content;
+  CellForm form;
+  std::optional<Bytes> identity, source;
+};
+
+/// One update on its way into the tables.
+class Update {
+ public:
+  Update(SqliteConnection& connection, const std::string& map)
+      : connection_(connection),
+        map_(read_map_row(connection, map)),
+        revision_(map_.info.revision + 1) {}
+
+  const MapInfo& info() const { return map_.info; }
+
+  void add_cell(const NewCell& cell, const Bytes& frame);
+  void recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame);
+  void move_cell(CellId id, const Pose& T_map_cell);
+  void align(CellId id);
+  void remove_constraint(ConstraintId id);
+  ConstraintId add_constraint(const Constraint& constraint);
+  void judge(ConstraintId id, const Judgement& judgement);
+  void remove_session(const std::string& name);
+  /// Writes the map's row; returns its revision.
+  Revision finish();
+
+ private:
+  bool is_there_already(const NewCell& cell) const;
+  void begin_session(const NewCell& first);
+  void insert_blob(CellId id, const EncodedCell& content, const Bytes& frame);
+  void insert_cell(const NewCell& cell);
+  void insert_pose(CellId id, const Pose& T_map_cell);
+  std::optional<ConstraintId> find_identical(const Constraint& constraint) const;
+  void require_cell(CellId id) const;
+  void require_constraint(ConstraintId id) const;
+  void subtract_from_sums(const std::string& session);
+
+  SqliteConnection& connection_;
+  MapRow map_;
+  const Revision revision_;
+  bool changed_ = false;
+};
+
+void Update::add_cell(const NewCell& cell, const Bytes& frame) {
+  if (cell.cell->lattice != map_.info.lattice) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "CELL " + std::to_string(cell.id.value) +
+                    " was made with another lattice than that of map " + map_.info.name +
+                    "; build it with the map's lattice");
+  }
+  if (is_there_already(cell)) return;
+  if (!find_last_cell(connection_, map_.key, cell.cell->session)) begin_session(cell);
+  insert_blob(cell.id, cell.coded ? cell.coded->content : cell.encoded, frame);
+  insert_cell(cell);
+  insert_pose(cell.id, cell.T_map_cell);
+  Query(connection_, "INSERT INTO cell_scans (map, cell, T_odom_cell, scans) VALUES (?, ?, ?, ?)",
+        map_.key, cell.id.value, pose_to_bytes(cell.cell->T_odom_cell), scans_to_bytes(cell.scans))
+      .run();
+  MapInfo& info = map_.info;
+  info.cells += 1;
+  info.planes += cell.cell->planes.size();
+  info.encoded_bytes += cell.encoded.bytes.size();
+  info.stored_bytes += frame.size();
+  info.scans += cell.scans.size();
+  info.raw_points += cell.raw_points;
+  info.voxel_points += cell.voxel_points;
+  changed_ = true;
+}
+
+bool Update::is_there_already(const NewCell& cell) const {
+  if (const auto same_id = find_cell(connection_, map_.key, cell.id)) {
+    if (same_id->hash == cell.encoded.hash) return true;
+    throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has a CELL " +
+                                          std::to_string(cell.id.value) +
+                                          " with other content; CELLs never change");
+  }
+  const auto& [session, sequence] = std::tie(cell.cell->session, cell.cell->sequence);
+  if (const auto same_place = find_cell(connection_, map_.key, session, sequence)) {
+    throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has session " + session +
+                                          ", sequence " + std::to_string(sequence) +
+                                          " already as CELL " +
+                                          std::to_string(same_place->id.value));
+  }
+  return false;
+}
+
+/// The session may be there without CELLs.
+void Update::begin_session(const NewCell& first) {
+  const std::optional<Revision> aligned =
+      first.unaligned ? std::nullopt : std::optional<Revision>(revision_);
+  Query(connection_,
+        "INSERT INTO session (map, name, aligned) VALUES (?, ?, ?) "
+        "ON CONFLICT (map, name) DO UPDATE SET aligned = excluded.aligned",
+        map_.key, first.cell->session, aligned)
+      .run();
+}
+
+void Update::align(CellId id) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) return require_cell(id);
+  Query(connection_,
+        "UPDATE session SET aligned = ? WHERE map = ? AND name = ? AND aligned IS NULL", revision_,
+        map_.key, cell->session)
+      .run();
+  changed_ = true;
+}
+
+void Update::insert_blob(CellId id, const EncodedCell& content, const Bytes& frame) {
+  const Bytes hash = to_bytes(content.hash);
+  {
+    Query row(connection_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
+    if (row.next()) {
+      if (row.unsigned64(0) == content.bytes.size()) return;
+      throw Error(ErrorCode::kInvalidArgument,
+                  "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
+    }
+  }
+  Query(connection_, "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?)",
+        hash, content.bytes.size(), to_bytes(sha256(frame)), frame)
+      .run();
+}
+
+void Update::insert_cell(const NewCell& cell) {
+  const Eigen::Vector3d& position = cell.T_map_cell.translation();
+  const Kept kept(cell.encoded, cell.coded);
+  Query(connection_,
+        "INSERT INTO cell (map, id, hash, session, sequence, planes, encoded_bytes, added, moved, "
+        "x, y, z, rotation, gx, gy, scans, raw_points, voxel_points, encoding, bound_um, identity, "
+        "source) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        map_.key, cell.id.value, to_bytes(kept.content.hash), cell.cell->session,
+        cell.cell->sequence, cell.cell->planes.size(), cell.encoded.bytes.size(), revision_,
+        revision_, position.x(), position.y(), position.z(), rotation_to_bytes(cell.T_map_cell),
+        grid_key(position.x()), grid_key(position.y()), cell.scans.size(), cell.raw_points,
+        cell.voxel_points, kept.encoding(), kept.form.bound_um, kept.identity, kept.source)
+      .run();
+}
+
+void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) return require_cell(id);
+  if (cell->hash != recoded.from) {
+    throw Error(ErrorCode::kPreconditionFailed,
+                "CELL " + std::to_string(id.value) + " of map " + map_.info.name +
+                    " has another content by now; read it again and repeat");
+  }
+  const Kept kept(recoded.encoded, recoded.coded);
+  Bytes before;
+  {
+    Query row(connection_,
+              "SELECT cell.hash, LENGTH(frame) FROM cell JOIN blob ON blob.hash = cell.hash "
+              "WHERE map = ? AND id = ?",
+              map_.key, id.value);
+    row.next();
+    before.assign(row.bytes(0).begin(), row.bytes(0).end());
+    map_.info.stored_bytes -= std::min(map_.info.stored_bytes, row.unsigned64(1));
+  }
+  insert_blob(id, kept.content, frame);
+  const bool is_replaced = recoded.encoded.hash != recoded.from;
+  Query(connection_,
+        "UPDATE cell SET hash = ?, encoded_bytes = ?, encoding = ?, bound_um = ?, identity = ?, "
+        "source = ? WHERE map = ? AND id = ?",
+        to_bytes(kept.content.hash), recoded.encoded.bytes.size(), kept.encoding(),
+        kept.form.bound_um, kept.identity, kept.source, map_.key, id.value)
+      .run();
+  if (is_replaced) {
+    Query(connection_, "UPDATE cell SET replaced = ?, moved = ? WHERE map = ? AND id = ?",
+          revision_, revision_, map_.key, id.value)
+        .run();
+    insert_pose(id, cell->T_map_cell);  // `moved` names a row of the history
+  }
+  delete_unused_blobs(connection_, {before});
+  map_.info.stored_bytes += frame.size();
+  map_.info.encoded_bytes += recoded.encoded.bytes.size();
+  map_.info.encoded_bytes -= std::min(map_.info.encoded_bytes, cell->encoded_bytes);
+  changed_ = true;
+}
+
+void Update::insert_pose(CellId id, const Pose& T_map_cell) {
+  const Eigen::Vector3d& position = T_map_cell.translation();
+  // A CELL may be added and moved by one update; the last pose counts.
+  Query(
+      connection_,
+      "INSERT INTO cell_pose (map, cell, revision, x, y, z, rotation) VALUES (?, ?, ?, ?, ?, ?, ?) "
+      "ON CONFLICT (map, cell, revision) DO UPDATE SET x = excluded.x, y = excluded.y, "
+      "z = excluded.z, rotation = excluded.rotation",
+      map_.key, id.value, revision_, position.x(), position.y(), position.z(),
+      rotation_to_bytes(T_map_cell))
+      .run();
+}
+
+void Update::move_cell(CellId id, const Pose& T_map_cell) {
+  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
+  if (!cell) require_cell(id);
+  if (cell->T_map_cell.matrix() == T_map_cell.matrix()) return;
+  const Eigen::Vector3d& position = T_map_cell.translation();
+  Query(connection_,
+        "UPDATE cell SET moved = ?, x = ?, y = ?, z = ?, rotation = ?, gx = ?, gy = ? "
+        "WHERE map = ? AND id = ?",
+        revision_, position.x(), position.y(), position.z(), rotation_to_bytes(T_map_cell),
+        grid_key(position.x()), grid_key(position.y()), map_.key, id.value)
+      .run();
+  insert_pose(id, T_map_cell);
+  changed_ = true;
+}
+
+void Update::require_cell(CellId id) const {
+  Query row(connection_, "SELECT 1 FROM cell WHERE map = ? AND id = ?", map_.key, id.value);
+  if (!row.next()) {
+    throw Error(ErrorCode::kNotFound,
+                "map " + map_.info.name + " has no CELL " + std::to_string(id.value));
+  }
+}
+
+void Update::require_constraint(ConstraintId id) const {
+  Query row(connection_,
+            "SELECT 1 FROM pose_constraint WHERE map = ? AND id = ? AND removed IS NULL", map_.key,
+            id.value);
+  if (!row.next()) {
+    throw Error(ErrorCode::kNotFound,
+                "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
+  }
+}
+
+void Update::remove_constraint(ConstraintId id) {
+  require_constraint(id);
+  Query(connection_, "UPDATE pose_constraint SET removed = ? WHERE map = ? AND id = ?", revision_,
+        map_.key, id.value)
+      .run();
+  map_.info.constraints -= 1;
+  changed_ = true;
+}
+
+std::optional<ConstraintId> Update::find_identical(const Constraint& constraint) const {
+  Query row(connection_,
+            "SELECT id FROM pose_constraint WHERE map = ? AND from_cell = ? AND to_cell = ? "
+            "AND kind = ? AND origin = ? AND T_from_to = ? AND information = ? "
+            "AND removed IS NULL ORDER BY id LIMIT 1",
+            map_.key, constraint.from.value, constraint.to.value,
+            static_cast<std::uint32_t>(constraint.kind),
+            static_cast<std::uint32_t>(constraint.origin), pose_to_bytes(constraint.T_from_to),
+            information_to_bytes(constraint.information));
+  if (!row.next()) return std::nullopt;
+  return ConstraintId{row.unsigned32(0)};
+}
+
+ConstraintId Update::add_constraint(const Constraint& constraint) {
+  require_cell(constraint.from);
+  require_cell(constraint.to);
+  if (const auto identical = find_identical(constraint)) return *identical;
+  if (map_.next_constraint == std::numeric_limits<std::uint32_t>::max()) {
+    throw Error(ErrorCode::kTooLarge, "map " + map_.info.name + " has used up its constraint ids");
+  }
+  const ConstraintId id{map_.next_constraint++};
+  Query(connection_,
+        "INSERT INTO pose_constraint (map, id, added, from_cell, to_cell, kind, origin, T_from_to, "
+        "information, scores, weight, pinned) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        map_.key, id.value, revision_, constraint.from.value, constraint.to.value,
+        static_cast<std::uint32_t>(constraint.kind), static_cast<std::uint32_t>(constraint.origin),
+        pose_to_bytes(constraint.T_from_to), information_to_bytes(constraint.information),
+        scores_to_bytes(constraint.scores), constraint.weight, constraint.pinned ? 1u : 0u)
+      .run();
+  map_.info.constraints += 1;
+  changed_ = true;
+  return id;
+}
+
+void Update::judge(ConstraintId id, const Judgement& judgement) {
+  require_constraint(id);
+  {
+    Query row(connection_, "SELECT weight, pinned FROM pose_constraint WHERE map = ? AND id = ?",
+              map_.key, id.value);
+    row.next();
+    if (Judgement{row.real(0), row.integer(1) != 0} == judgement) return;
+  }
+  Query(connection_,
+        "UPDATE pose_constraint SET weight = ?, pinned = ?, judged = ? WHERE map = ? AND id = ?",
+        judgement.weight, judgement.pinned ? 1u : 0u, revision_, map_.key, id.value)
+      .run();
+  changed_ = true;
+}
+
+void Update::remove_session(const std::string& name) {
+  {
+    Query row(connection_, "SELECT 1 FROM session WHERE map = ? AND name = ?", map_.key, name);
+    if (!row.next()) {
+      throw Error(ErrorCode::kNotFound, "map " + map_.info.name + " has no session '" + name + "'");
+    }
+  }
+  subtract_from_sums(name);
+  constexpr const char* kOfSession = "(SELECT id FROM cell WHERE map = ? AND session = ?)";
+  for (const char* const end : {"from_cell", "to_cell"}) {
+    Query(connection_,
+          std::string("DELETE FROM pose_constraint WHERE map = ? AND ") + end + " IN " + kOfSession,
+          map_.key, map_.key, name)
+        .run();
+  }
+  for (const char* const table : {"cell_scans", "cell_pose"}) {
+    Query(connection_,
+          std::string("DELETE FROM ") + table + " WHERE map = ? AND cell IN " + kOfSession,
+          map_.key, map_.key, name)
+        .run();
+  }
+  const std::vector<Bytes> hashes = kept_contents(connection_, map_.key, name);
+  Query(connection_, "DELETE FROM cell WHERE map = ? AND session = ?", map_.key, name).run();
+  Query(connection_, "DELETE FROM session WHERE map = ? AND name = ?", map_.key, name).run();
+  delete_unused_blobs(connection_, hashes);
+  map_.oldest = revision_;
+  changed_ = true;
+}
+
+void Update::subtract_from_sums(const std::string& session) {
+  MapInfo& info = map_.info;
+  {
+    Query row(connection_,
+              "SELECT COUNT(*), COALESCE(SUM(planes), 0), COALESCE(SUM(cell.encoded_bytes), 0), "
+              "COALESCE(SUM(LENGTH(frame)), 0), COALESCE(SUM(scans), 0), "
+              "COALESCE(SUM(raw_points), 0), COALESCE(SUM(voxel_points), 0), "
+              "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
+              "WHERE map = ? AND session = ?",
+              map_.key, session);
+    row.next();
+    std::uint64_t* const sums[] = {&info.cells,        &info.planes, &info.encoded_bytes,
+                                   &info.stored_bytes, &info.scans,  &info.raw_points,
+                                   &info.voxel_points};
+    // CELLs of before version 3 do not say what they count for.
+    for (int i = 0; i < 7; ++i) *sums[i] -= std::min(*sums[i], row.unsigned64(i));
+    map_.next_cell = std::max(map_.next_cell, CellId{row.unsigned32(7) + 1});
+  }
+  Query row(connection_,
+            "SELECT COUNT(*) FROM pose_constraint AS c WHERE map = ? AND removed IS NULL AND "
+            "EXISTS (SELECT 1 FROM cell WHERE cell.map = c.map AND cell.session = ? "
+            "AND cell.id IN (c.from_cell, c.to_cell))",
+            map_.key, session);
+  row.next();
+  info.constraints -= std::min(info.constraints, row.unsigned64(0));
+}
+
+Revision Update::finish() {
+  if (!changed_) return map_.info.revision;
+  const MapInfo& info = map_.info;
+  Query(connection_,
+        "UPDATE map SET revision = ?, next_constraint = ?, cells = ?, planes = ?, constraints = ?, "
+        "encoded_bytes = ?, stored_bytes = ?, scans = ?, raw_points = ?, voxel_points = ?, "
+        "next_cell = ?, oldest = ? WHERE id = ?",
+        revision_, map_.next_constraint, info.cells, info.planes, info.constraints,
+        info.encoded_bytes, info.stored_bytes, info.scans, info.raw_points, info.voxel_points,
+        map_.next_cell.value, map_.oldest, map_.key)
+      .run();
+  return revision_;
+}
+
+}  // namespace
+
+CommitResult apply_update(SqliteConnection& connection, const std::string& map,
+                          const MapUpdate& update, const UpdateFrames& frames) {
+  Update writer(connection, map);
+  if (update.expected_revision && *update.expected_revision != writer.info().revision) {
+    throw Error(ErrorCode::kPreconditionFailed,
+                "map " + map + " is at revision " + std::to_string(writer.info().revision) +
+                    ", not at the expected " + std::to_string(*update.expected_revision) +
+                    "; read it again and repeat");
+  }
+  for (const std::string& session : update.remove_sessions) writer.remove_session(session);
+  for (std::size_t i = 0; i < update.cells.size(); ++i) {
+    writer.add_cell(update.cells[i], frames.cells[i]);
+  }
+  auto frame = frames.recoded.begin();
+  for (const auto& [id, recoded] : update.recoded) writer.recode_cell(id, recoded, *frame++);
+  for (const auto& [id, T_map_cell] : update.poses) writer.move_cell(id, T_map_cell);
+  for (const CellId id : update.aligned) writer.align(id);
+  for (const ConstraintId id : update.remove_constraints) writer.remove_constraint(id);
+  for (const auto& [id, judgement] : update.judged) writer.judge(id, judgement);
+  CommitResult result;
+  for (const Constraint& constraint : update.add_constraints) {
+    result.constraint_ids.push_back(writer.add_constraint(constraint));
+  }
+  result.revision = writer.finish();
+  return result;
+}
+
+}  // namespace cellmap
