@@ -5,7 +5,7 @@ Each robot starts somewhere else on the route, a little later than the one befor
 is done by processes of `cellmap` against one `cellmapd`: robots send CELLs instead of scans, a follower keeps a copy of
 the map. Prints what went over the wire, beside what the raw scans and sending the map again would have been, and how far
 the map is from the truth, beside that of one robot that drove it all.
-Usage: three_robots.py [--folder FOLDER] [--small] [--check] [--cellmap FILE] [--cellmapd FILE]
+Usage: three_robots.py [--folder FOLDER] [--first-day N] [--small] [--check] [--cellmap FILE] [--cellmapd FILE]
 """
 import argparse
 import hashlib
@@ -88,7 +88,7 @@ def write_block(file, scans, step=1.5, radius=22.0):
             out.write(f"{c} {-s} 0 {radius * s} {s} {c} 0 {radius * (1 - c)} 0 0 1 0\n")
 
 
-def simulate(programs, world):
+def simulate(programs, world, first_day):
     """One town, three days: each robot sees other cars, and has other noise."""
     arguments = list(world["simulate"])
     if world is BLOCK:
@@ -97,7 +97,7 @@ def simulate(programs, world):
     for day in (1, 2, 3):
         out = programs.folder / f"day{day}"
         if not out.exists():
-            programs.run("simulate", *arguments, "--scans", world["scans"], "--traffic-seed", day, "--out", out)
+            programs.run("simulate", *arguments, "--scans", world["scans"], "--traffic-seed", first_day + day - 1, "--out", out)
 
 
 def wait_for_cells(server, session, count):
@@ -208,6 +208,7 @@ def print_table(robots, updates, again, closures):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, help="where drives and store go (default: a temporary one)")
+    parser.add_argument("--first-day", type=int, default=1, help="of three: other cars, other noise")
     parser.add_argument("--small", action="store_true", help="around a block instead of through a town")
     parser.add_argument("--check", action="store_true", help="fail where the map is not as it must be")
     parser.add_argument("--cellmap", default="build/release/client/cellmap")
@@ -218,7 +219,7 @@ def main():
         folder.mkdir(parents=True, exist_ok=True)
         programs = Programs(options.cellmap, options.cellmapd, folder)
         world = BLOCK if options.small else TOWN
-        simulate(programs, world)
+        simulate(programs, world, options.first_day)
         server = Server(programs)
         follower = None
         try:

@@ -87,7 +87,9 @@ struct RelocalisationCandidate {
   StructureScores structure;        ///< of the few places that were refined
   ResidualHistogram residuals;      ///< of them too
   SurroundingsScores surroundings;  ///< of the best of them
-  double confidence = 0;  ///< in [0, 1], that the pose is right (`confidence_of`)
+  /// In [0, 1], that the pose is right: `confidence_of`; of the best one divided by one plus the
+  /// odds of its rivals (`odds_against`).
+  double confidence = 0;
   bool accepted = false;
 };
 
