@@ -118,7 +118,7 @@ def test_changes_are_what_their_twins_say(name: str, layout: str) -> None:
         assert np.array_equal(pose, pose_of(row["t_map_cell"]))
     for field in ("removed", "removed_constraints", "unaligned"):
         assert getattr(changes, field).tolist() == decoded.get(field, [])
-    assert [vars(a)["cell"] for a in changes.added] == [row["cell"] for row in expected["added"]]
+    assert [a.id for a in changes.added] == [row["cell"] for row in expected["added"]]
     assert [{"id": i, "weight": w, "pinned": p} for i, w, p in changes.judged] == decoded.get("judged", [])
 
 

@@ -10,7 +10,7 @@ Frames and formats: ``ARCHITECTURE.md`` and ``schema/FORMAT.md`` of the project.
 
 from .archive import Archive, ArchivedCell, ArchiveSummary, open_archive
 from .cell import Cell, Statistics, read_cell
-from .changes import AddedCell, Changes, read_changes
+from .changes import Changes, read_changes
 from .client import Client
 from .coded_cell import read_coarse_cell, read_coded_cell
 from .documents import CellSummary, Job, MapSummary, Place, Relocalisation, Session
@@ -22,7 +22,7 @@ from .scan import Scan, read_kitti, read_scan
 
 __version__ = "0.1.0"
 __all__ = [
-    "AddedCell", "Archive", "ArchiveSummary", "ArchivedCell", "Cell", "CellSummary", "Changes", "Client", "Constraint",
+    "Archive", "ArchiveSummary", "ArchivedCell", "Cell", "CellSummary", "Changes", "Client", "Constraint",
     "Error", "Job", "Lattice", "MapSummary", "Place", "PoseGraph", "Relocalisation", "Scan", "Scores", "Session",
     "Statistics", "lattice_of", "moved", "open_archive", "pose_of_vector", "read_cell", "read_changes",
     "read_coarse_cell", "read_coded_cell", "read_kitti", "read_pose_graph", "read_scan", "vector_of_pose",

@@ -5,28 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .documents import CellSummary
 from .errors import corrupt, invalid
 from .flatbuffer import Buffer, Table
 from .pose_graph import Constraint, PoseGraph, checked_weight, judged, read_constraint
-from .poses import Pose
 from .wire import poses_of_columns, read_ids, read_pose, read_session
 
 MAX_BYTES = 512 << 20
-
-
-@dataclass(frozen=True, eq=False)
-class AddedCell:
-    """A CELL that came to the map; its bytes are fetched by its id and kept by its hash."""
-
-    cell: int
-    hash: str
-    added: int  #: revision that brought it
-    moved: int  #: revision that last changed its pose
-    T_map_cell: Pose = field(repr=False)  #: (4, 4)
-    session: str
-    sequence: int
-    planes: int
-    bytes: int  #: of its FlatBuffers form
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +20,7 @@ class Changes:
 
     since: int
     revision: int
-    added: tuple[AddedCell, ...]
+    added: tuple[CellSummary, ...]
     moved: NDArray[np.int64]  #: (m,) ids of CELLs that were there and have another pose now
     T_map_moved: NDArray[np.float64] = field(repr=False)  #: (m, 4, 4) those poses, exact to 0.1 mm and 1e-6 rad
     removed: NDArray[np.int64]  #: ids
@@ -51,7 +36,7 @@ class Changes:
         poses = dict(zip(graph.cells.tolist(), graph.T_map_cell))
         for cell in self.removed.tolist():
             poses.pop(cell, None)
-        poses.update((cell.cell, cell.T_map_cell) for cell in self.added)
+        poses.update((cell.id, cell.T_map_cell) for cell in self.added)
         poses.update((cell, pose) for cell, pose in zip(self.moved.tolist(), self.T_map_moved) if cell in poses)
         constraints = {c.id: c for c in graph.constraints}
         for ident in self.removed_constraints.tolist():
@@ -85,8 +70,8 @@ def _ids(root: Table, field_id: int, what: str) -> NDArray[np.int64]:
     return np.zeros(0, np.int64) if table is None else read_ids(table, what)
 
 
-def _read_added(table: Table) -> AddedCell:
-    return AddedCell(table.number(0, "<I"), table.required(table.struct(1, 32)).hex(), table.number(2, "<Q"),
+def _read_added(table: Table) -> CellSummary:
+    return CellSummary(table.number(0, "<I"), table.required(table.struct(1, 32)).hex(), table.number(2, "<Q"),
                      table.number(3, "<Q"), read_pose(table, 4, "An added CELL's pose"), read_session(table, 5),
                      table.number(6, "<I"), table.number(7, "<I"), table.number(8, "<Q"))
 

@@ -45,7 +45,7 @@ class CellSummary:
     session: str
     sequence: int
     planes: int
-    bytes: int
+    bytes: int  #: of its FlatBuffers form
 
 
 @dataclass(frozen=True, eq=False)
