@@ -191,35 +191,45 @@ HWY_INLINE void predict_at(std::size_t k, const PatchFrames& frames, const Patch
         k);
 }
 
-/// Centres of the planes around a patch: where, in radians from its own, and by how much their
-/// inverse range is more than that of their mean there.
+/// Centres of the planes around a patch that agree, zeros for others: where, in radians from its
+/// own, and by how much their inverse range is more than that of their mean there.
 struct Centres {
   static constexpr std::size_t kMost = PatchNeighbours::kMost;
-  VD x[kMost], y[kMost], more[kMost];
+  using Numbers = VD[kMost];
+  Numbers x, y, more;
 
-  HWY_INLINE Centres(std::size_t k, const Vector& mean, const PatchFrames& frames,
-                     const PatchNeighbours& around) {
+  HWY_INLINE Centres(std::size_t k, const Agreeing& of, const Vector& mean,
+                     const PatchFrames& frames, const PatchNeighbours& around) {
     const Vector t1 = load(frames.t1, k), t2 = load(frames.t2, k);
     for (std::size_t n = 0; n < kMost; ++n) {
       const Vector m = load(around.m[n], k), u = load(around.u[n], k);
-      x[n] = hn::Add(hn::Mul(u.x, t1.x), hn::Mul(u.y, t1.y));
-      y[n] = dot(u, t2);
-      more[n] = dot({hn::Sub(m.x, mean.x), hn::Sub(m.y, mean.y), hn::Sub(m.z, mean.z)}, u);
+      const Vector apart = {hn::Sub(m.x, mean.x), hn::Sub(m.y, mean.y), hn::Sub(m.z, mean.z)};
+      x[n] = hn::IfThenElseZero(of.agrees[n], hn::Add(hn::Mul(u.x, t1.x), hn::Mul(u.y, t1.y)));
+      y[n] = hn::IfThenElseZero(of.agrees[n], dot(u, t2));
+      more[n] = hn::IfThenElseZero(of.agrees[n], dot(apart, u));
     }
   }
 };
+
+/// Of what `of` says of each.
+template <typename Of>
+HWY_INLINE VD sum_of_all(const Of& of) {
+  VD result = of(0);
+  for (std::size_t n = 1; n < Centres::kMost; ++n) result = hn::Add(result, of(n));
+  return result;
+}
 
 /// By how much the plane through the centres differs from the mean: least squares, where the
 /// slopes are held to the mean's.
 HWY_INLINE Seen fitted(const Agreeing& of, const Centres& at, VD held) {
   const VD share = hn::Div(constant(1), of.divisor);
-  const auto mean = [&](const VD(&a)[Centres::kMost]) {
-    return hn::Mul(of.sum([&](std::size_t n) { return a[n]; }), share);
+  const auto mean = [&](const Centres::Numbers& a) {
+    return hn::Mul(sum_of_all([&](std::size_t n) { return a[n]; }), share);
   };
   const VD x = mean(at.x), y = mean(at.y), more = mean(at.more);
-  const auto covariance = [&](const VD(&a)[Centres::kMost], VD mean_a, const VD(&b)[Centres::kMost],
+  const auto covariance = [&](const Centres::Numbers& a, VD mean_a, const Centres::Numbers& b,
                               VD mean_b) {
-    const VD products = of.sum([&](std::size_t n) { return hn::Mul(a[n], b[n]); });
+    const VD products = sum_of_all([&](std::size_t n) { return hn::Mul(a[n], b[n]); });
     return hn::Sub(hn::Mul(products, share), hn::Mul(mean_a, mean_b));
   };
   const VD xx = hn::Add(covariance(at.x, x, at.x, x), held);
@@ -237,7 +247,7 @@ HWY_INLINE void fit_at(std::size_t k, const PatchFrames& frames, const PatchNeig
   const Frame frame(frames, k);
   const Agreeing of(k, frame, around);
   const Vector mean = frame.to_cell(of.mean);
-  const Centres at(k, mean, frames, around);
+  const Centres at(k, of, mean, frames, around);
   Seen by = fitted(of, at, held);
   // One that is much nearer or farther is no plane of these neighbours.
   const MD is_near = hn::Le(hn::Abs(by.w), hn::Mul(of.mean.w, constant(0.25)));
