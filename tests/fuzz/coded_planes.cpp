@@ -20,6 +20,8 @@ FUZZ_TARGET(bytes) {
   if (byte(0) & 1) {
     cellmap::decode_packed_planes(lattice, layers);
   } else {
-    cellmap::decode_compact_planes(lattice, layers, 0.02);
+    cellmap::decode_compact_planes(
+        lattice, layers, 0.02,
+        number(0) & 4 ? cellmap::CompactVersion::k1 : cellmap::CompactVersion::k2);
   }
 }
