@@ -41,7 +41,7 @@ class LayerDecoder {
   [[gnu::always_inline]] void decode_numbers(RangeDecoder& coder, const PlaneContext& context,
                                              std::size_t first, std::size_t k) {
     CodedPlane coded;
-    code_plane(coder, model_, context, coded);
+    code_plane(coder, model_, state_.version, context, coded);
     is_kept_[k] = coded.scale == kEscapeScale;
     if (is_kept_[k]) {
       planes_[first + k] = {std::bit_cast<float>(coded.raw[0]), std::bit_cast<float>(coded.raw[1]),
@@ -74,10 +74,10 @@ class LayerDecoder {
 }  // namespace
 
 DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
-                                    double bound_m) {
+                                    double bound_m, CompactVersion version) {
   std::size_t planes = 0;
   for (const LayerView& layer : layers) planes += layer.planes;
-  CompactState state(lattice, planes, bound_m);
+  CompactState state(lattice, planes, bound_m, version);
   DecodedPlanes result;
   for (std::size_t layer = 0; layer < layers.size(); ++layer) {
     CompactModel& model = state.models[layer];
