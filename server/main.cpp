@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/store/sqlite_store.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "server/api/api.hpp"
 #include "server/http_server.hpp"
 #include "server/log.hpp"
@@ -76,8 +76,10 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
   options.viewer = viewer_folder(settings);
   options.threads = settings.threads;
   options.jobs.data_roots = canonical_roots(settings);
-  options.store_file = settings.store;
-  options.spool_folder = fs::absolute(settings.store).parent_path();
+  if (const auto file = cellmap::store_file(settings.store)) {
+    options.store_file = *file;
+    options.spool_folder = fs::absolute(*file).parent_path();
+  }
   options.allow_origins = settings.allow_origins;
   return options;
 }
@@ -109,7 +111,7 @@ void serve(const Settings& settings) {
   auto options = api_options(settings);
   options.guard = &guard;
   options.audit = audit.get();
-  const auto store = cellmap::open_sqlite_store(settings.store);
+  const auto store = cellmap::open_store(settings.store);
   cellmap::server::Api api(*store, std::move(options), log);
   cellmap::server::HttpServer server(api, log, http_options(settings));
   for (const std::string& url : server.urls()) {

@@ -50,7 +50,9 @@ class FileBelowEnvironment : public CLI::ConfigTOML {
 /// The options that stand in files and in the environment too.
 void add_options(CLI::App& app, Settings& settings) {
   app.option_defaults()->always_capture_default();
-  app.add_option("--store", settings.store, "The store's file; made where it is missing");
+  app.add_option(
+      "--store", settings.store,
+      "The store: a file, made where it is missing, or postgresql://[user@]host/database");
   app.add_option("--listen", settings.listen,
                  "HOST:PORT (port 0: any free one) or unix:PATH (repeatable, or with commas)")
       ->delimiter(',');
@@ -145,7 +147,9 @@ std::variant<Settings, int> read_settings(const std::vector<std::string>& argume
     return 0;
   }
   if (settings.store.empty()) {
-    return fail(err, "--store is required: the store's file; made where it is missing");
+    return fail(err,
+                "--store is required: a file, made where it is missing, or "
+                "postgresql://[user@]host/database");
   }
   return settings;
 }

@@ -7,7 +7,7 @@
 
 #include "cellmap/archive/store_archive.hpp"
 #include "cellmap/archive/update_archive.hpp"
-#include "cellmap/store/sqlite_store.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
@@ -138,7 +138,7 @@ void archive(const Options& options, const Console& console) {
 
 MapInfo restore_in_store(const Options& options, ArchiveReader& reader, const std::string& name,
                          const Console& console) {
-  const auto store = open_sqlite_store(options.place.store);
+  const auto store = open_store(options.place.store);
   const Interrupt interrupt;
   ProgressBar bar(console, "restore");
   return restore_map(reader, *store, name, interrupt.token(), [&](const Progress& done) {

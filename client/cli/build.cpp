@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/store/sqlite_store.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "client/cli/build_in_store.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/form_flags.hpp"
@@ -28,7 +28,7 @@ void run(const Options& options, const Console& console) {
   const MapperOptions mapper = options.mapper.mapper_options(options.threads);
   validate_map_name(options.map);
   const auto source = options.drive.open();
-  const auto store = open_sqlite_store(options.store);
+  const auto store = open_store(options.store);
   std::optional<LatticeSpec> lattice;
   if (options.mapper.lattice_size) lattice = options.mapper.lattice();
   MapInfo map;
@@ -56,7 +56,9 @@ void add_build(CLI::App& app, Verbs& verbs) {
       "The same command again goes on where it was broken off.\n",
       [options](const Console& console) { run(*options, console); });
   add_drive_flags(*verb, options->drive);
-  verb->add_option("--store", options->store, "Store file; made where it is missing")->required();
+  verb->add_option("--store", options->store,
+                   "Store: a file, made where it is missing, or postgresql://...")
+      ->required();
   verb->add_option("--map", options->map, "Name of the map; made where it is missing")->required();
   verb->add_option("--threads", options->threads, "Threads; 0: all. The bytes do not depend on it")
       ->check(CLI::Range(0, 1024))

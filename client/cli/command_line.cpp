@@ -8,6 +8,7 @@
 
 #include "cellmap/core/error.hpp"
 #include "client/cli/compare.hpp"
+#include "client/cli/copy.hpp"
 #include "client/cli/diff.hpp"
 #include "client/cli/exit_code.hpp"
 #include "client/cli/store_care.hpp"
@@ -49,6 +50,7 @@ void add_all(CLI::App& app, Verbs& verbs) {
   add_archive(app, verbs);
   add_verify(app, verbs);
   add_store_care(app, verbs);
+  add_copy(app, verbs);
   add_export(app, verbs);
   add_optimize(app, verbs);
 }

@@ -5,7 +5,7 @@
 #include "cellmap/codec/released_folder.hpp"
 #include "cellmap/core/progress.hpp"
 #include "cellmap/pose_graph/information.hpp"
-#include "cellmap/store/sqlite_store.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_text.hpp"
@@ -70,7 +70,7 @@ std::size_t import_into(Store& store, const Options& options, const ReleasedFold
 void run(const Options& options, const Console& console) {
   validate_map_name(options.map);
   const ReleasedFolder folder(options.folder, options.reading);
-  const auto store = open_sqlite_store(options.store);
+  const auto store = open_store(options.store);
   const std::size_t dropped = import_into(*store, options, folder, console);
   const MapInfo map = store->map(options.map);
   client::Json json = client::to_json(map);
@@ -102,7 +102,9 @@ void add_import(CLI::App& app, Verbs& verbs) {
       ->capture_default_str();
   verb->add_option("--session", options->reading.session, "Name of the drive in the map")
       ->capture_default_str();
-  verb->add_option("--store", options->store, "Store file; made where it is missing")->required();
+  verb->add_option("--store", options->store,
+                   "Store: a file, made where it is missing, or postgresql://...")
+      ->required();
   verb->add_option("--map", options->map, "Name of the map, which must be new")->required();
 }
 

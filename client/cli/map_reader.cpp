@@ -5,8 +5,8 @@
 
 #include "cellmap/pipeline/refine.hpp"
 #include "cellmap/pose_graph/edit.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "cellmap/store/read_cell.hpp"
-#include "cellmap/store/sqlite_store.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
@@ -111,7 +111,8 @@ void add_place_options(CLI::App& verb, Place& place, bool with_store, bool with_
                   "CELLMAP_TOKEN)")
       ->envname("CELLMAP_TOKEN_FILE");
   if (with_store) {
-    verb.add_option("--store", place.store, "Store file of this machine, instead of --server");
+    verb.add_option("--store", place.store,
+                    "Store: a file of this machine or postgresql://..., instead of --server");
   }
   if (with_mirror) {
     verb.add_option("--mirror", place.mirror,
@@ -143,13 +144,14 @@ ClientOptions client_options_of(const Place& place) {
 
 Client connect(const Place& place) { return Client(client_options_of(place)); }
 
-std::unique_ptr<Store> open_existing_store(const std::string& file) {
-  if (!std::filesystem::exists(file)) {
-    throw Error(ErrorCode::kNotFound, "there is no store '" + file +
+std::unique_ptr<Store> open_existing_store(const std::string& place) {
+  const auto file = store_file(place);
+  if (file && !std::filesystem::exists(*file)) {
+    throw Error(ErrorCode::kNotFound, "there is no store '" + place +
                                           "'; make one with 'cellmap build DATASET --store " +
-                                          file + " --map NAME'");
+                                          place + " --map NAME'");
   }
-  return open_sqlite_store(file);
+  return open_store(place);
 }
 
 std::vector<CellRecord> MapReader::all_cells(const std::string& map) {

@@ -11,6 +11,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/backup_store.hpp"
 #include "cellmap/store/check_store.hpp"
+#include "cellmap/store/postgres_store.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
@@ -51,7 +52,15 @@ void fetch_backup(const BackupArguments& arguments, const Interrupt& interrupt,
   }
 }
 
+/// What looks into the file itself has nothing to look into there.
+void require_file(const std::string& store, const char* instead) {
+  if (!is_postgres_address(store)) return;
+  throw Error(ErrorCode::kUnsupported,
+              std::string("a store in PostgreSQL has no file; ") + instead);
+}
+
 void backup(const BackupArguments& arguments, const Console& console) {
+  require_file(arguments.from, "use pg_dump, or 'cellmap copy' into a file");
   const Interrupt interrupt;
   {
     ProgressBar bar(console, "backup");
@@ -117,6 +126,7 @@ StoreReport checked(const std::string& file, const Console& console) {
 }
 
 void check(const CheckArguments& arguments, const Console& console) {
+  require_file(arguments.store, "'cellmap copy' into a file reads and compares all of it");
   const StoreReport before = checked(arguments.store, console);
   if (!arguments.repair || before.findings.empty()) {
     console.print(to_json(before), to_text(arguments.store, before));

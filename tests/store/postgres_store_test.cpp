@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <set>
+#include <thread>
+#include <vector>
+
+#include "cellmap/store/open_store.hpp"
 #include "cellmap/store/postgres_schema.hpp"
 #include "store/postgres_engine.hpp"
 #include "support/expect_error.hpp"
@@ -17,6 +22,134 @@ StoreEngine postgres_engine() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Postgres, StoreContract, ::testing::Values(postgres_engine()));
+
+class PostgresStoreTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!postgres_address()) GTEST_SKIP() << "no PostgreSQL server runs for this test";
+    address_ = postgres_address_for(folder_.path());
+  }
+
+  std::unique_ptr<Store> open() const { return open_postgres_store(address_); }
+  /// Ends all other connections, as a server that restarts does.
+  void cut_connections() const {
+    PostgresConnection connection(address_);
+    connection.execute(
+        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid() "
+        "AND application_name = 'cellmap-cut'");
+  }
+
+  TempFolder folder_;
+  std::string address_;
+};
+
+TEST_F(PostgresStoreTest, WhatOneServerCommitsAnotherSeesAtOnce) {
+  const auto a = open(), b = open();
+  a->create_map("town", {});
+  EXPECT_EQ(b->map("town").cells, 0u);
+  const Revision revision = a->commit("town", adding({make_cell(1)})).revision;
+  EXPECT_EQ(b->version("town").revision, revision);
+  EXPECT_EQ(b->map("town").cells, 1u);  // also what is kept in memory by revision
+  EXPECT_EQ(*b->stored_cell("town", {1}).frame, *a->stored_cell("town", {1}).frame);
+  b->commit("town", moving({{CellId{1}, pose_at(3, 0)}}));
+  EXPECT_EQ(a->pose_graph("town").nodes.at({1}).translation().x(), 3);
+}
+
+TEST_F(PostgresStoreTest, ServersThatWriteAtTheSameTimeLoseNothingAndLeaveNoGap) {
+  open()->create_map("town", {});
+  constexpr std::uint32_t kServers = 3, kCells = 20;
+  std::vector<std::jthread> servers;
+  for (std::uint32_t server = 0; server < kServers; ++server) {
+    servers.emplace_back([&, server] {
+      const auto store = open();
+      const std::string session = "robot" + std::to_string(server);
+      for (std::uint32_t i = 0; i < kCells; ++i) {
+        store->commit("town", adding({make_cell(1 + server * kCells + i, {}, session)}));
+      }
+    });
+  }
+  servers.clear();
+  const auto store = open();
+  EXPECT_EQ(store->map("town").revision, kServers * kCells);
+  EXPECT_EQ(store->map("town").cells, kServers * kCells);
+  std::set<Revision> added;
+  CellQuery all;
+  all.limit = 1000;
+  for (const CellRecord& cell : store->cells("town", all).cells) added.insert(cell.added);
+  EXPECT_EQ(added.size(), kServers * kCells);
+}
+
+TEST_F(PostgresStoreTest, ALostConnectionIsMadeAnewByTheNextTransaction) {
+  address_ += "&application_name=cellmap-cut";
+  const auto store = open();
+  store->create_map("town", {});
+  store->commit("town", adding({make_cell(1)}));
+  cut_connections();
+  EXPECT_EQ(store->map("town").cells, 1u);
+  store->commit("town", adding({make_cell(2)}));
+  cut_connections();
+  store->commit("town", adding({make_cell(3)}));
+  EXPECT_EQ(store->map("town").cells, 3u);
+}
+
+TEST_F(PostgresStoreTest, ANewerSchemaIsRefused) {
+  open();
+  PostgresConnection(address_).execute("INSERT INTO cellmap_schema (version) VALUES (1000)");
+  expect_error(
+      ErrorCode::kUnsupported, [&] { open(); }, "1000");
+}
+
+TEST_F(PostgresStoreTest, DamagedBytesAreRecognised) {
+  const auto store = open();
+  store->create_map("town", {});
+  store->commit("town", adding({make_cell(1)}));
+  PostgresConnection(address_).execute("UPDATE blob SET frame = set_byte(frame, 20, 1)");
+  expect_error(
+      ErrorCode::kCorruptData, [&] { store->stored_cell("town", {1}); }, "damaged");
+}
+
+TEST_F(PostgresStoreTest, ATextThatIsNoUtf8IsRefusedAndNothingChanges) {
+  const auto store = open();
+  store->create_map("town", {});
+  for (const std::string text : {std::string("\xff\xfe"), std::string("a\0b", 3)}) {
+    JobRecord job;
+    job.map = "town";
+    job.kind = "ingest";
+    job.request_json = text;
+    expect_error(ErrorCode::kInvalidArgument, [&] { store->create_job(job); });
+  }
+  EXPECT_TRUE(store->jobs().empty());
+  EXPECT_NO_THROW(store->check_ready());
+}
+
+TEST(PostgresAddress, IsToldFromTheNameOfAFile) {
+  EXPECT_EQ(store_file("maps.db"), "maps.db");
+  EXPECT_EQ(store_file("sqlite:maps.db"), "maps.db");
+  EXPECT_EQ(store_file("postgresql://db/maps"), std::nullopt);
+  EXPECT_EQ(store_file("postgres://db/maps"), std::nullopt);
+  expect_error(
+      ErrorCode::kInvalidArgument, [] { store_file("mysql://u:secret@db/maps"); }, "mysql");
+}
+
+TEST(PostgresAddress, NobodyThereAndNonsenseAreToldWithoutThePassword) {
+  try {
+    open_postgres_store("postgresql://user:secret@127.0.0.1:1/maps");
+    ADD_FAILURE() << "nobody listens at port 1";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::kUnavailable);
+    EXPECT_EQ(std::string(error.what()).find("secret"), std::string::npos);
+  }
+  expect_error(
+      ErrorCode::kInvalidArgument, [] { open_postgres_store("postgresql://host:no-port/?what=1"); },
+      "postgresql://");
+}
+
+TEST(PostgresSchema, IsThatOfSqliteInOtherWords) {
+  EXPECT_EQ(in_postgres_words("CREATE TABLE blob (id INTEGER PRIMARY KEY AUTOINCREMENT, x REAL "
+                              "NOT NULL, frame BLOB, name TEXT, n INTEGER) WITHOUT ROWID;"),
+            "CREATE TABLE blob (id BIGINT GENERATED BY DEFAULT AS IDENTITY PRIMARY KEY, x DOUBLE "
+            "PRECISION NOT NULL, frame BYTEA, name TEXT COLLATE \"C\", n BIGINT);");
+}
 
 }  // namespace
 }  // namespace cellmap::test

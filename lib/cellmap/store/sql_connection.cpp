@@ -41,6 +41,22 @@ Query::Query(SqlConnection& connection, std::string_view sql)
 
 Query::~Query() { statement_.release(); }
 
+void Query::bind_column(const Query& row, int column, SqlType type) {
+  if (row.is_null(column)) return statement_.bind_null(type);
+  switch (type) {
+    case SqlType::kInteger:
+      return statement_.bind(row.integer(column));
+    case SqlType::kReal:
+      return statement_.bind(row.real(column));
+    case SqlType::kText:
+      return statement_.bind(row.text(column));
+    case SqlType::kBytes: {
+      const auto bytes = row.bytes(column);
+      return statement_.bind(Bytes(bytes.begin(), bytes.end()));
+    }
+  }
+}
+
 bool Query::next() { return statement_.step(); }
 
 void Query::run() {

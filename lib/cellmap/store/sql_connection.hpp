@@ -92,6 +92,12 @@ class Query {
   Query(const Query&) = delete;
   Query& operator=(const Query&) = delete;
 
+  /// The next parameter, for those whose number is only known at run time.
+  void bind(std::int64_t value) { statement_.bind(value); }
+  void bind(const Bytes& value) { statement_.bind(value); }
+  /// A column of another query's row.
+  void bind_column(const Query& row, int column, SqlType type);
+
   /// Moves to the next row; false after the last.
   bool next();
   /// Runs to the end a statement that gives no rows.
@@ -108,12 +114,10 @@ class Query {
   std::span<const std::byte> bytes(int column) const;
 
  private:
-  void bind(std::int64_t value) { statement_.bind(value); }
   void bind(std::uint32_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
   void bind(std::uint64_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
   void bind(double value) { statement_.bind(value); }
   void bind(const std::string& value) { statement_.bind(value); }
-  void bind(const Bytes& value) { statement_.bind(value); }
   template <typename Value>
   void bind(const std::optional<Value>& value) {
     value ? bind(*value) : statement_.bind_null(type_of(static_cast<const Value*>(nullptr)));

@@ -55,7 +55,7 @@ SqlStore::SqlStore(SqlEngine engine)
   if (engine.staging_limit) {
     created_before = now() - std::chrono::nanoseconds(*engine.staging_limit).count();
   }
-  write([&](SqlConnection& c) { remove_staged_maps(c, created_before); });
+  change_tables([&](SqlConnection& c) { remove_staged_maps(c, created_before); });
 }
 
 MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice,
@@ -64,7 +64,7 @@ MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice
   lattice.validate();
   form.validate();
   MapInfo created;
-  write([&](SqlConnection& c) {
+  change_tables([&](SqlConnection& c) {
     insert_map(c, name, lattice, form, now());
     created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
   });
@@ -72,18 +72,18 @@ MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice
 }
 
 void SqlStore::delete_map(const std::string& name) {
-  write([&](SqlConnection& c) { remove_map(c, name); });
+  change_tables([&](SqlConnection& c) { remove_map(c, name); });
 }
 
 void SqlStore::set_georeference(const std::string& map,
                                 const std::optional<Georeference>& georeference) {
   if (georeference) georeference->validate();
-  write([&](SqlConnection& c) { write_georeference(c, map, georeference); });
+  change_tables([&](SqlConnection& c) { write_georeference(c, map, georeference); });
 }
 
 void SqlStore::set_form(const std::string& map, const CellForm& form) {
   form.validate();
-  write([&](SqlConnection& c) { write_form(c, map, form); });
+  change_tables([&](SqlConnection& c) { write_form(c, map, form); });
 }
 
 void SqlStore::put_document(const std::string& map, const std::string& name,
@@ -93,7 +93,7 @@ void SqlStore::put_document(const std::string& map, const std::string& name,
                                           std::to_string(kMaxBytes) + " bytes long, not " +
                                           std::to_string(text.size()));
   }
-  write([&](SqlConnection& c) { write_document(c, map, name, text); });
+  change_tables([&](SqlConnection& c) { write_document(c, map, name, text); });
 }
 
 std::optional<std::string> SqlStore::document(const std::string& map,
@@ -107,7 +107,7 @@ std::optional<std::string> SqlStore::document(const std::string& map,
 }
 
 void SqlStore::remove_document(const std::string& map, const std::string& name) {
-  write([&](SqlConnection& c) {
+  change_tables([&](SqlConnection& c) {
     Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
         .run();
   });
@@ -127,7 +127,7 @@ MapInfo SqlStore::map(const std::string& name) const {
 std::string SqlStore::stage_map(const LatticeSpec& lattice) {
   lattice.validate();
   std::string name;
-  write([&](SqlConnection& c) { name = insert_staged_map(c, lattice, now()); });
+  change_tables([&](SqlConnection& c) { name = insert_staged_map(c, lattice, now()); });
   return name;
 }
 
@@ -136,7 +136,7 @@ void SqlStore::publish_map(const std::string& staged, const std::string& name,
   validate_map_name(name);
   if (along) validate(along->update);
   const UpdateFrames frames = along ? frames_of(along->update) : UpdateFrames{};
-  write([&](SqlConnection& c) {
+  change_tables([&](SqlConnection& c) {
     rename_staged_map(c, staged, name);
     if (along) apply_update(c, along->map, along->update, frames);
   });
@@ -153,13 +153,13 @@ CommitResult SqlStore::commit(const std::string& map, const MapUpdate& update) {
   validate(update);
   const UpdateFrames frames = frames_of(update);
   CommitResult result;
-  write([&](SqlConnection& c) { result = apply_update(c, map, update, frames); });
+  change_tables([&](SqlConnection& c) { result = apply_update(c, map, update, frames); });
   return result;
 }
 
 SessionInfo SqlStore::create_session(const std::string& map, const SessionInfo& session) {
   validate(session);
-  write([&](SqlConnection& c) { insert_session(c, map, session); });
+  change_tables([&](SqlConnection& c) { insert_session(c, map, session); });
   for (SessionInfo& made : sessions(map)) {
     if (made.name == session.name) return made;
   }
@@ -235,7 +235,7 @@ std::vector<CellScans> SqlStore::scans(const std::string& map, const std::string
 JobRecord SqlStore::create_job(JobRecord job) {
   validate(job);
   job.created = job.updated = now();
-  write([&](SqlConnection& c) { job.id = insert_job(c, job); });
+  change_tables([&](SqlConnection& c) { job.id = insert_job(c, job); });
   return job;
 }
 
@@ -243,7 +243,7 @@ void SqlStore::update_job(const JobRecord& job) {
   validate(job);
   JobRecord stamped = job;
   stamped.updated = now();
-  write([&](SqlConnection& c) { replace_job(c, stamped); });
+  change_tables([&](SqlConnection& c) { replace_job(c, stamped); });
 }
 
 JobRecord SqlStore::job(JobId id) const {
@@ -259,7 +259,11 @@ void SqlStore::check_ready() const {
   if (writer_) commits_.run([] {});
 }
 
-void SqlStore::write(const std::function<void(SqlConnection&)>& change) const {
+void SqlStore::read_tables(const std::function<void(SqlConnection&)>& read) const {
+  readers_.read([&](SqlConnection& c) { read(c); });
+}
+
+void SqlStore::change_tables(const std::function<void(SqlConnection&)>& change) const {
   if (!writer_) {
     throw Error(ErrorCode::kUnsupported,
                 "store " + name_ + " was opened read-only; open it for writing");

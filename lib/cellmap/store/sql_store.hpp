@@ -73,9 +73,10 @@ class SqlStore : public Store, public Documents, public Staging {
   std::vector<JobRecord> jobs(const std::optional<std::string>& map) const override;
   void check_ready() const override;
 
- protected:
-  /// Carried out with the connection that writes; durable when it returns.
-  void write(const std::function<void(SqlConnection&)>& change) const;
+  /// Inside one transaction: for what works on the tables themselves (store/copy_map.hpp).
+  void read_tables(const std::function<void(SqlConnection&)>& read) const;
+  /// The same with the connection that writes; durable when it returns.
+  void change_tables(const std::function<void(SqlConnection&)>& change) const;
 
  private:
   void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
