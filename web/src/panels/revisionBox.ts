@@ -1,4 +1,5 @@
-import { h } from "../dom";
+import { h, replace } from "../dom";
+import { trouble } from "../view/trouble";
 import type { MapContext } from "./panel";
 
 const NOW = "The map as it is. Drag to see it as it was.";
@@ -10,7 +11,7 @@ const STEP_MS = 250;
 export function revisionBox(context: MapContext): HTMLElement {
   const newest = (): number => Number(context.model.revision);
   const slider = h("input", { type: "range", min: 1, max: newest(), value: newest(), "aria-label": "Revision that is shown" });
-  const label = h("p", { class: "note" }, NOW);
+  const label = h("div", { class: "note", "aria-live": "polite" }, NOW);
   const button = h("button", { type: "button" }, "Play");
   let playing = false;
 
@@ -21,7 +22,7 @@ export function revisionBox(context: MapContext): HTMLElement {
       await context.showRevision(past);
       label.textContent = past === null ? NOW : `The map as it was at revision ${past}.`;
     } catch (error) {
-      label.textContent = (error as Error).message;
+      replace(label, trouble(error as Error, () => void show()));
       playing = false;
     }
   };

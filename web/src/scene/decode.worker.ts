@@ -1,4 +1,4 @@
-import { readBatch } from "../format/batch";
+import { ask, ServerError } from "../api/ask";
 import { readCell } from "../format/cell";
 import { readCoarseCell, readCodedCell } from "../format/codedCell";
 import { Lattices } from "../format/lattice";
@@ -9,11 +9,18 @@ import { layOutPatches, type PatchLayout } from "./patchLayout";
 /** How a CELL travels: with all its bits, within 2 cm in a twentieth of the bytes, or a quarter of the planes of that. */
 export type CellForm = "raw" | "compact" | "coarse";
 
+/** A CELL that is wanted; its hash makes an address whose answer the browser keeps for ever. */
+export interface AskedCell {
+  id: number;
+  hash: string;
+  form: CellForm;
+}
+
 export interface DecodeRequest {
   ticket: number;
   /** Either where a server has CELLs, and which, or bytes that are there. */
   url?: string;
-  asked?: { id: number; form: CellForm }[];
+  asked?: AskedCell[];
   headers?: Record<string, string>;
   cells?: Entry[];
 }
@@ -30,39 +37,25 @@ export interface DecodeAnswer {
   ticket: number;
   cells: { id: number; patches?: PatchLayout; error?: string }[];
   bytes: number;
-  /** Why nothing could be fetched. */
-  error?: string;
+  /** Why nothing could be fetched: a ServerError's fields. */
+  failure?: { status: number; code: string; message: string };
 }
+
+const CODED = "application/vnd.cellmap.coded-cell;encoding=compact;bound=0.02";
+const ACCEPT: Record<CellForm, string> = { raw: "application/vnd.cellmap.cell", compact: CODED, coarse: `${CODED};layers=coarse` };
 
 const lattices = new Lattices();
 
-async function ask(url: string, init: RequestInit): Promise<Response> {
-  const response = await fetch(url, init);
-  if (!response.ok) throw new Error(`The server answered ${response.status} to a request for CELLs.`);
-  return response;
-}
-
-const bytesOf = async (response: Response): Promise<Uint8Array> => new Uint8Array(await response.arrayBuffer());
-
-async function fetchBatch({ url, headers }: DecodeRequest, ids: number[]): Promise<Entry[]> {
-  if (ids.length === 0) return [];
-  const init = { method: "POST", headers: { ...headers, "Content-Type": "application/json" }, body: JSON.stringify({ ids, limit: 256 }) };
-  return readBatch(await bytesOf(await ask(`${url}:batch`, init))).map(({ cell, bytes }) => ({ id: cell, bytes }));
-}
-
-/** By its own address, so that the browser keeps it: a CELL never changes. */
-async function fetchCoded({ url, headers }: DecodeRequest, id: number, coarse: boolean): Promise<Entry> {
-  const accept = `application/vnd.cellmap.coded-cell;encoding=compact;bound=0.02${coarse ? ";layers=coarse" : ""}`;
-  const response = await ask(`${url}/${id}`, { headers: { ...headers, Accept: accept } });
-  const whole = Number(response.headers.get("CELLmap-File-Bytes"));
-  return { id, bytes: await bytesOf(response), ...(coarse ? { fileBytes: whole } : {}) };
-}
-
-async function fetchCells(request: DecodeRequest): Promise<Entry[]> {
-  const asked = request.asked!;
-  const raw = asked.filter(({ form }) => form === "raw").map(({ id }) => id);
-  const coded = asked.filter(({ form }) => form !== "raw").map(({ id, form }) => fetchCoded(request, id, form === "coarse"));
-  return [...(await fetchBatch(request, raw)), ...(await Promise.all(coded))];
+/** A CELL that is not there by this hash is one entry's error; a server that gives none is everyone's. */
+async function fetchCell({ url, headers }: DecodeRequest, { id, hash, form }: AskedCell): Promise<Entry> {
+  try {
+    const response = await ask(`${url}/${id}?hash=${hash}`, { headers: { ...headers, Accept: ACCEPT[form] } });
+    const bytes = new Uint8Array(await response.arrayBuffer());
+    return { id, bytes, ...(form === "coarse" ? { fileBytes: Number(response.headers.get("CELLmap-File-Bytes")) } : {}) };
+  } catch (error) {
+    if (error instanceof ServerError && error.status === 404) return { id, error: error.message };
+    throw error;
+  }
 }
 
 const isCoded = (bytes: Uint8Array): boolean => String.fromCharCode(...bytes.subarray(4, 8)) === "CCOD";
@@ -80,12 +73,13 @@ async function decode({ id, bytes, fileBytes }: Entry): Promise<DecodeAnswer["ce
 async function answer(request: DecodeRequest): Promise<DecodeAnswer> {
   const { ticket } = request;
   try {
-    const entries = request.cells ?? (await fetchCells(request));
+    const entries = request.cells ?? (await Promise.all(request.asked!.map((one) => fetchCell(request, one))));
     const cells: DecodeAnswer["cells"] = [];
     for (const entry of entries) cells.push(entry.bytes ? await decode(entry) : { id: entry.id, error: entry.error ?? "It is missing." });
     return { ticket, cells, bytes: entries.reduce((sum, { bytes }) => sum + (bytes?.length ?? 0), 0) };
   } catch (error) {
-    return { ticket, cells: [], bytes: 0, error: (error as Error).message };
+    const { status = 0, code = "internal", message } = error as Partial<ServerError>;
+    return { ticket, cells: [], bytes: 0, failure: { status, code, message: message ?? String(error) } };
   }
 }
 

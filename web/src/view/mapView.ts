@@ -1,4 +1,4 @@
-import { ServerError } from "../api/server";
+import { ServerError } from "../api/ask";
 import { announce, h, replace } from "../dom";
 import type { ByteSource } from "../format/byteSource";
 import { type OpenedMap, openArchive, openServerMap } from "../model/origin";
@@ -17,7 +17,7 @@ import { NoWebGlError } from "../scene/stage";
 import { count } from "../text";
 import { listenToKeys } from "./keys";
 import { Overlays } from "./overlays";
-import { tokenPrompt } from "./tokenPrompt";
+import { trouble } from "./trouble";
 
 const TAB_NAMES: Record<Tab, string> = { map: "Map", graph: "Loops", drive: "Drives", locate: "Where am I?", jobs: "Jobs", compare: "Compare" };
 
@@ -167,7 +167,7 @@ export class MapView {
         if (before.size > 0) announce(`${count(before.size, "CELL")} moved`);
       } catch (error) {
         if (error instanceof ServerError && error.status === 0) return; // the stream says so already
-        this.overlays?.setError((error as Error).message);
+        this.overlays?.setError(error as Error, () => this.catchUp(context));
       }
     });
   }
@@ -288,29 +288,9 @@ export class MapView {
   }
 
   private showFailure(error: Error): void {
-    if (error instanceof ServerError && error.status === 401) {
-      replace(this.stageElement, h("div", { class: "centre" }, tokenPrompt(() => void this.open())));
-      return;
-    }
+    const box = trouble(error, () => void this.open(), h("a", { class: "button", href: "#/" }, "All maps"));
     const missing = error instanceof ServerError && error.status === 404;
-    replace(
-      this.stageElement,
-      h(
-        "div",
-        { class: "centre" },
-        h(
-          "div",
-          { class: "box error", role: "alert" },
-          h("h2", {}, missing ? "There is no such map" : "The map cannot be shown"),
-          h("p", {}, error.message),
-          h(
-            "div",
-            { class: "actions" },
-            h("button", { type: "button", onclick: () => void this.open() }, "Try again"),
-            h("a", { class: "button", href: "#/" }, "All maps"),
-          ),
-        ),
-      ),
-    );
+    if (!box.querySelector("h2")) box.prepend(h("h2", {}, missing ? "There is no such map" : "The map cannot be shown"));
+    replace(this.stageElement, h("div", { class: "centre" }, box));
   }
 }
