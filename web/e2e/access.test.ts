@@ -125,7 +125,7 @@ describe("a token that is not good for what is asked", () => {
     ["jobs", "**/town/jobs", null],
     ["map", "**/diff?*", "Show what changed"],
     ["map", "**/pose-graph?revision=*", "Play"],
-    ["map", "**/cells/*?hash=*", null],
+    ["map", "**/cells:batch", null],
   ] as const) {
     test(`${tab}: ${ask ?? pattern} refused is said to be, and tried again`, async () => {
       const { page } = viewer;

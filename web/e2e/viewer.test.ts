@@ -4,7 +4,7 @@ import type { AddressInfo } from "node:net";
 import { join } from "node:path";
 import { afterAll, beforeAll, describe, expect, test } from "vitest";
 
-import { Browser, loaded, picture, screenshot } from "./browser";
+import { Browser, cellsInSight, clickBetween, loaded, picture, screenshot } from "./browser";
 import { Cellmapd } from "./cellmapd";
 import { useFixture } from "./fixture";
 
@@ -79,6 +79,7 @@ describe("with a map", () => {
     await viewer.openMap();
     await viewer.drop(viewer.town.scan(40), "000040.bin");
     await page.getByRole("heading", { name: /Found near CELL/ }).waitFor({ timeout: 90_000 });
+    await page.getByText(/000040.bin: \d+ CELLs considered in \d+ ms/).waitFor();
     const position = await page.locator(".facts dd").first().textContent();
     const [x, y] = position!.split(",").map(parseFloat) as [number, number];
     const graph = await viewer.server.json<{ cells: { pose: number[] }[] }>("/v1/maps/town/cells");
@@ -107,10 +108,15 @@ describe("with a map", () => {
     await page.getByText("Map another drive").click();
     await page.getByLabel(/Folder of the drive/).fill(join(viewer.town.folder, "drive"));
     await page.getByLabel(/Session/).fill("tuesday");
+    const before = await cellsInSight(page);
     await page.getByRole("button", { name: "Start ingest" }).click();
     await page.locator('.job[data-state="running"]').waitFor();
+    await expect.poll(() => cellsInSight(page), { timeout: 150_000 }).toBeGreaterThan(before);
     await screenshot(page, "08-job");
     await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 150_000 });
+    await page.getByRole("img", { name: /Scans a second, up to/ }).waitFor();
+    await page.getByText(/70 of 70 scans/).waitFor();
+    await screenshot(page, "08-job-done");
     await page.getByRole("tab", { name: "Map" }).click();
     await page.getByRole("button", { name: /tuesday/ }).waitFor();
     expect(viewer.complaints()).toEqual([]);
@@ -124,7 +130,7 @@ describe("loops", () => {
   });
   afterAll(() => ours?.stop());
 
-  test("deleting one moves the CELLs that it held", async () => {
+  test("one is asked about by a click on it, and deleting it moves the CELLs that it held", async () => {
     const { page } = viewer;
     const { cells } = await ours.json<{ cells: { id: number; pose: number[] }[] }>("/v1/maps/town/cells");
     const [first, last] = [cells[0]!, cells.at(-1)!];
@@ -135,8 +141,15 @@ describe("loops", () => {
     });
     await ours.json(`/v1/maps/town/loops/${loops[0]!.id}`, { method: "PATCH", body: JSON.stringify({ pinned: true }) });
     await viewer.openMap("#/town?tab=graph", { url: ours.url });
-    await page.getByRole("button", { name: new RegExp(`CELL ${first.id} - CELL ${last.id}`) }).click();
+    const now = await ours.json<{ cells: { id: number; pose: number[] }[] }>("/v1/maps/town/cells");
+    await clickBetween(page, now.cells[0]!.pose, now.cells.at(-1)!.pose);
     await page.getByRole("heading", { name: /Loop \d+: pinned/ }).waitFor();
+    // The address leads back to it.
+    await page.goto(page.url());
+    await page.reload();
+    await page.getByRole("heading", { name: /Loop \d+: pinned/ }).waitFor();
+    await page.getByRole("button", { name: new RegExp(`CELL ${first.id} - CELL ${last.id}`), pressed: true }).waitFor();
+    await loaded(page);
     const held = await picture(page);
     await screenshot(page, "09-loop");
     await page.getByRole("button", { name: "Delete loop" }).click();
@@ -154,11 +167,20 @@ describe("the past and files", () => {
     const { page } = viewer;
     await viewer.openMap();
     const now = await picture(page);
+    const all = await cellsInSight(page);
     await page.getByLabel("Revision that is shown").fill("3");
     await page.getByText("as it was at revision 3").waitFor();
     await loaded(page);
     expect((await picture(page)).name).not.toBe(now.name);
     await screenshot(page, "16-revision");
+    const then = await cellsInSight(page);
+    expect(then).toBeLessThan(all);
+    expect(new URL(page.url()).hash).toContain("revision=3");
+    await page.reload();
+    await loaded(page);
+    await page.getByText("as it was at revision 3").waitFor();
+    expect(await page.getByLabel("Revision that is shown").inputValue()).toBe("3");
+    await expect.poll(() => cellsInSight(page)).toBe(then);
     expect(viewer.complaints()).toEqual([]);
   });
 
@@ -239,14 +261,14 @@ describe("when something is wrong", () => {
 
   test("a damaged CELL is named and the others are drawn", async () => {
     const { page } = viewer;
-    await page.route("**/cells/3?hash=*", async (route) => {
+    await page.route("**/cells:batch", async (route) => {
       const response = await route.fetch();
       const body = await response.body();
-      body[500]! ^= 4;
+      body[8 + 500]! ^= 4;
       await route.fulfill({ response, body });
     });
     await viewer.openMap();
-    await page.getByRole("alert").filter({ hasText: "CELL 3 cannot be shown" }).waitFor();
+    await page.getByRole("alert").filter({ hasText: "cannot be shown" }).waitFor();
     expect((await picture(page)).colours).toBeGreaterThan(50);
     await screenshot(page, "13-damaged-cell");
     expect(viewer.complaints()).toEqual([]);

@@ -62,6 +62,7 @@ export class MapView {
     this.showTab(route.tab);
     this.context?.select({ loop: route.loop, cell: route.cell });
     this.setColouring(route.colouring);
+    void this.followRevision(route.revision);
     if (view) this.scene?.stage.setView(view);
   }
 
@@ -79,6 +80,7 @@ export class MapView {
       this.showTab(this.route.tab);
       this.context.select({ loop: this.route.loop, cell: this.route.cell });
       this.listen(this.context);
+      void this.followRevision(this.route.revision);
       announce(`${opened.summary.name}: ${count(opened.summary.cells, "CELL")}`);
     } catch (error) {
       this.showFailure(error as Error);
@@ -97,6 +99,7 @@ export class MapView {
       selection: { loop: null, cell: null },
       layers: { patches: true, trajectory: true, constraints: false, loops: true, grid: true },
       scene: null,
+      past: null,
       select: (selection) => this.select(selection),
       setLayers: (layers) => this.setLayers(layers),
       setColouring: (colouring) => this.setColouring(colouring),
@@ -161,7 +164,7 @@ export class MapView {
         const before = context.model.apply(await api.changes(context.model.revision));
         [context.summary, context.sessions] = await Promise.all([api.summary(), api.sessions()]);
         context.colours.set(context.model.sessions);
-        if (this.past === null) this.scene?.setModel(context.model, before);
+        if (context.past === null) this.scene?.setModel(context.model, before);
         this.overlays?.update();
         for (const panel of Object.values(this.panels)) panel.update();
         if (before.size > 0) announce(`${count(before.size, "CELL")} moved`);
@@ -172,13 +175,22 @@ export class MapView {
     });
   }
 
-  /** The revision that is shown where it is not the newest. */
-  private past: number | null = null;
   private async showRevision(revision: number | null): Promise<void> {
-    const { api, model } = this.context!;
-    this.past = revision;
-    const shown = revision === null ? model : model.at(await api!.poseGraph(revision));
-    if (this.past === revision) this.scene?.setModel(shown);
+    const context = this.context!;
+    context.past = revision;
+    this.updateAddress({ revision });
+    const shown = revision === null ? context.model : context.model.at(await context.api!.poseGraph(revision));
+    if (context.past === revision) this.scene?.setModel(shown);
+  }
+
+  /** The revision that an address names; where there is no such one, the newest. */
+  private async followRevision(revision: number | null): Promise<void> {
+    const { context } = this;
+    if (!context?.api || context.past === revision) return;
+    await this.showRevision(revision).catch((error: Error) => {
+      this.overlays?.setError(error, () => void this.showRevision(null));
+    });
+    this.panels.map?.update();
   }
 
   private select(selection: { loop?: number | null; cell?: number | null }): void {
