@@ -9,8 +9,8 @@ from conftest import VECTORS
 from cellmap import Error, open_archive, read_cell, read_changes, read_coded_cell, read_pose_graph, read_scan
 from cellmap.coded_cell import _decoded, _read_head
 
-FILES = [("street.cell", read_cell), ("room-10mm.ccod", read_coded_cell), ("room-10mm-2.ccod", read_coded_cell), ("room-packed.ccod", read_coded_cell),
-         ("bands-50mm.ccod", read_coded_cell)]
+FILES = [("street.cell", read_cell), ("room-10mm.ccod", read_coded_cell), ("room-10mm-2.ccod", read_coded_cell),
+         ("room-packed.ccod", read_coded_cell), ("bands-50mm.ccod", read_coded_cell)]
 WITHOUT_HASH = [("judged-loops.cpgr", read_pose_graph), ("extremes.cchg", read_changes), ("with-nan.cscn", read_scan)]
 
 
