@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
-# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers]
+# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers] [--with-postgresql]
 set -euo pipefail
 
 packages=(
   g++ cmake ninja-build ccache pkg-config python3 curl ca-certificates
   libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev libxxhash-dev
-  libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev
+  libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev libpq-dev
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
   librosbag-storage-dev libsensor-msgs-dev libnav-msgs-dev libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml
   python3-numpy python3-zstandard python3-xxhash python3-pytest python3-matplotlib python3-setuptools python3-pip mypy help2man dpkg-dev
@@ -18,6 +18,9 @@ packages=(
 [[ " $* " != *" --with-proxies "* ]] || packages+=(nginx-light haproxy openssl)
 # Only the fuzz targets need a second compiler (600 MB installed).
 [[ " $* " != *" --with-fuzzers "* ]] || packages+=(clang-14 libclang-rt-14-dev)
+
+# The engine of large fleets, for its tests; no database is made or started by installing it here.
+[[ " $* " != *" --with-postgresql "* ]] || packages+=(postgresql-15)
 
 missing=()
 for package in "${packages[@]}"; do
@@ -36,5 +39,9 @@ else
 fi
 echo "Installing ${#missing[@]} Debian packages: ${missing[*]}"
 "${as_root[@]}" apt-get update -qq
+if [[ " ${missing[*]} " == *" postgresql-15 "* ]]; then
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends postgresql-common >/dev/null
+  "${as_root[@]}" sed -i "s/^#\?create_main_cluster.*/create_main_cluster = false/" /etc/postgresql-common/createcluster.conf
+fi
 "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
   apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null

@@ -3,7 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <random>
+#include <string>
 
 #include "cellmap/cell/cell_builder.hpp"
 #include "cellmap/codec/plane_displacement.hpp"
@@ -307,12 +311,22 @@ TEST(CodedCell, EveryTruncationAndEveryFlippedBitIsNoticed) {
   }
 }
 
+/// A compact CELL of version 1, which no encoder writes any more.
+EncodedCell compact_1() {
+  const auto path = std::filesystem::path(CELLMAP_SOURCE_DIR) / "tests/conformance/v1";
+  std::ifstream file(path / "room-10mm.canonical.ccod", std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(file)), {});
+  const auto* begin = reinterpret_cast<const std::byte*>(text.data());
+  return {.hash = {}, .bytes = Bytes(begin, begin + text.size())};
+}
+
 /// Overwrites bytes of the file, then mends its hashes, which are no defence.
 TEST(CodedCell, HostileBytesAreRefusedOrValid) {
   const Cell cell = room_cell({LatticeKind::kFibonacci, 1000}, 0.003, 11);
   int accepted = 0, refused = 0;
-  for (const EncodedCell& good : {encode_compact_cell(cell, 0.01), encode_packed_cell(cell),
-                                  encode_packed_cell(random_cell(4, 300, 1000))}) {
+  for (const EncodedCell& good :
+       {encode_compact_cell(cell, 0.01), compact_1(), encode_packed_cell(cell),
+        encode_packed_cell(random_cell(4, 300, 1000))}) {
     std::mt19937 rng(12);
     for (int trial = 0; trial < 3000; ++trial) {
       Bytes bytes = good.bytes;

@@ -1,9 +1,9 @@
-// Writes lib/cellmap/codec/first_probabilities.cpp: the probabilities that the models of compact
+// Writes lib/cellmap/codec/first_probabilities_2.cpp: the probabilities that the models of compact
 // planes begin with, from simulated drives alone. What it writes is part of the format: it is kept
 // for the record, and to train the tables of a later version.
 //
 //   ninja train_first_probabilities
-//   tests/train_first_probabilities > lib/cellmap/codec/first_probabilities.cpp
+//   tests/train_first_probabilities > lib/cellmap/codec/first_probabilities_2.cpp
 
 #include <algorithm>
 #include <cmath>
@@ -89,7 +89,7 @@ void print(const BitCounts& counts) {
   }
   std::printf(
       "\n};\n// clang-format on\n\n}  // namespace\n\n"
-      "std::span<const std::uint8_t> compact_first_probabilities() { return kCompact; }\n\n"
+      "std::span<const std::uint8_t> first_probabilities_2() { return kCompact; }\n\n"
       "}  // namespace cellmap\n");
 }
 

@@ -9,7 +9,6 @@ import struct
 from pathlib import Path
 
 FORMAT = Path(__file__).resolve().parent.parent.parent / "schema" / "FORMAT.md"
-PACKED, COMPACT = 1, 2
 UNIT, LIMIT = 2.0**28, 2**30
 
 
@@ -142,24 +141,60 @@ def is_in_range(patch):
 
 
 class Known:
-    def __init__(self):
-        self.planes, self.last = {}, None
+    """fits: whether a prediction is the plane through the centres of those that agree, not their mean"""
 
-    def add(self, place, m):
-        self.planes[place], self.last = m, m
+    def __init__(self, fits=False):
+        self.planes, self.last, self.fits = {}, None, fits
 
-    def predict(self, frame, places):
-        """(w, s1, s2), that count, that agree, spread of w, spread of the slopes"""
+    def add(self, place, m, u):
+        self.planes[place], self.last = (m, u), m
+
+    def predict(self, frame, places, points):
+        """(w, s1, s2), that count, that agree, spread of w, spread of the slopes; points: of the whole sphere"""
         seen = [self.planes[place] for place in places if place in self.planes][:6]
-        seen = [patch for patch in map(frame.to_patch, seen) if is_in_range(patch)]
+        seen = [(patch, m, u) for patch, m, u in ((frame.to_patch(m), m, u) for m, u in seen) if is_in_range(patch)]
         if not seen:
             w = abs(self.last[0]) + abs(self.last[1]) if self.last else 0
             return [min(max(w, 2**21), LIMIT - 1), 0, 0], 0, 0, 0, 0
-        median = sorted(patch[0] for patch in seen)[len(seen) // 2]
-        agree = [patch for patch in seen if abs(patch[0] - median) <= median >> 4]
-        mean = [sum(column) // len(agree) for column in zip(*agree)]
-        spread = [sum(abs(patch[i] - mean[i]) for patch in agree) for i in range(3)]
-        return mean, len(seen), len(agree), spread[0], spread[1] + spread[2]
+        median = sorted(patch[0] for patch, _, _ in seen)[len(seen) // 2]
+        agree = [row for row in seen if abs(row[0][0] - median) <= median >> 4]
+        mean = [sum(column) // len(agree) for column in zip(*(patch for patch, _, _ in agree))]
+        if self.fits:
+            plane, spread = fit(frame, mean, agree, 2.0 / points)
+        else:
+            plane, spread = mean, sum(abs(patch[0] - mean[0]) for patch, _, _ in agree)
+        slopes = [abs(patch[1] - plane[1]) + abs(patch[2] - plane[2]) for patch, _, _ in agree]
+        return plane, len(seen), len(agree), spread, total(slopes)
+
+
+def total(numbers):
+    """From left to right; Python's sum of floats is another one from version 3.12 on."""
+    result = 0
+    for number in numbers:
+        result = result + number
+    return result
+
+
+def fit(frame, mean, agree, held):
+    """The plane through the centres of those that agree, and twice how far they are from it."""
+    at = frame.to_cell(mean)
+    x = [u[0] * frame.t1[0] + u[1] * frame.t1[1] for _, _, u in agree]
+    y = [dot(u, frame.t2) for _, _, u in agree]
+    e = [dot([float(a - b) for a, b in zip(m, at)], u) for _, m, u in agree]
+    share = 1 / float(len(agree))
+
+    def covariance(a, b):
+        return total(p * q for p, q in zip(a, b)) * share - (total(a) * share) * (total(b) * share)
+
+    xx, yy, xy = covariance(x, x) + held, covariance(y, y) + held, covariance(x, y)
+    xe, ye = covariance(x, e), covariance(y, e)
+    d = xx * yy - xy * xy
+    g1, g2 = (xe * yy - ye * xy) / d, (ye * xx - xe * xy) / d
+    dw = (total(e) * share - g1 * (total(x) * share)) - g2 * (total(y) * share)
+    if not abs(dw) <= 0.25 * mean[0]:
+        dw = g1 = g2 = 0.0
+    off = total(abs(q - ((dw + g1 * p) + g2 * r)) for p, r, q in zip(x, y, e))
+    return [mean[0] + dw, mean[1] + g1, mean[2] + g2], 2 * off
 
 
 def float32(value):
@@ -202,20 +237,23 @@ def patches(spheres, layer, planes):
 
 # --- Compact ----------------------------------------------------------------------------------------------
 
-def first_probabilities():
+def first_probabilities(version):
     section = FORMAT.read_text().split("### First probabilities")[1].split("###")[0]
-    return bytes.fromhex("".join(re.findall(r"^    ([0-9a-f]+)$", section, re.M)))
+    tables = section.split("Version 2:")
+    return bytes.fromhex("".join(re.findall(r"^    ([0-9a-f]+)$", tables[version - 1], re.M)))
 
 
 class CompactModels:
-    def __init__(self, take):
+    def __init__(self, take, kinds):
+        """kinds: of steps that have models of their own"""
         self.block, self.member = [take() for _ in range(4)], [take() for _ in range(256)]
         self.scale = []
         for _ in range(32):
             zero, negative = take(), take()
             self.scale.append((zero, negative, [[take() for _ in range(8)] for _ in range(2)]))
-        self.range = [Integer(take) for _ in range(32)]
-        self.slopes = [[Integer(take) for _ in range(24)] for _ in range(2)]
+        self.kinds = kinds
+        self.range = [Integer(take) for _ in range(32 * kinds)]
+        self.slopes = [[Integer(take) for _ in range(24 * kinds)] for _ in range(2)]
 
 
 def level(x, q):
@@ -226,11 +264,12 @@ def level(x, q):
 
 
 class Context:
-    def __init__(self, prediction, bound, radius):
+    def __init__(self, prediction, bound, radius, version):
         (w, s1, s2), count, agree, w_spread, s_spread = prediction
         i = 1 / float(w)
         self.r, self.l1, self.l2 = UNIT * i, float(s1) * i, float(s2) * i
         self.t = math.sqrt((1 + self.l1 * self.l1) + self.l2 * self.l2)
+        self.range_share = {1: 0.9, 2: 0.7}[version]
         self.bound, self.radius, self.n, self.out = bound, radius, min(agree, 5), int(count > agree)
         self.row = 8 * (self.n if self.n < 2 else 2 if self.n < 4 else 3)
         self.w_spread, self.s_spread = (float(w_spread) * self.r) * i, float(s_spread) * i
@@ -240,7 +279,7 @@ class Context:
         return (1.5 if k % 2 else 1.0) * 2.0**(k >> 1)
 
     def range_step(self, k):
-        return ((0.9 * self.bound) * self.factor(k)) * self.t
+        return ((self.range_share * self.bound) * self.factor(k)) * self.t
 
     def slope_step(self, k, r):
         return (((1.8 * self.bound / self.radius) * self.factor(k)) * self.t) / r
@@ -317,25 +356,26 @@ def code_compact_plane(coder, models, context, plane, choice):
             coder.plain(32, word)
         return
     j = min(max(k + 3, 0), 7) if context.n < 2 else level(2 * context.w_spread, context.range_step(k) * context.n)
-    coder.integer(models.range[context.row + j], 24, a)
+    kind = 0 if k == 0 or models.kinds == 1 else 1 if k < 0 else 2
+    coder.integer(models.range[32 * kind + context.row + j], 24, a)
     j = slope_level(abs(context.slope_step(k, context.r + float(a) * context.range_step(k))))
-    coder.integer(models.slopes[0][8 * min(abs(a), 2) + j], 24, b)
-    coder.integer(models.slopes[1][8 * min(abs(b), 2) + j], 24, c)
+    coder.integer(models.slopes[0][24 * kind + 8 * min(abs(a), 2) + j], 24, b)
+    coder.integer(models.slopes[1][24 * kind + 8 * min(abs(b), 2) + j], 24, c)
 
 
-def encode_compact(spheres, planes, bound_um):
+def encode_compact(spheres, planes, bound_um, version):
     """planes: lattice index -> (distance, nx, ny, nz). Returns two layers and the decoded planes."""
-    table = iter(first_probabilities())
-    models = [CompactModels(lambda: Model(next(table))) for _ in range(2)]
+    table = iter(first_probabilities(version))
+    models = [CompactModels(lambda: Model(next(table)), 1 if version == 1 else 3) for _ in range(2)]
     assert next(table, None) is None
     bound = float(bound_um) * 1e-6
-    known, have, layers, decoded = Known(), set(), [], {}
+    known, have, layers, decoded = Known(fits=version == 2), set(), [], {}
     for layer in range(2):
         coder = Encoder()
         code_index(coder, models[layer].block, models[layer].member, spheres, layer, planes, have)
         for index, number, sphere, p, frame in patches(spheres, layer, planes):
-            prediction = known.predict(frame, [(number, q) for q in sphere.neighbours(p)])
-            context = Context(prediction, bound, sphere.radius)
+            prediction = known.predict(frame, [(number, q) for q in sphere.neighbours(p)], sphere.size)
+            context = Context(prediction, bound, sphere.radius, version)
             choice = choose(context, planes[index], frame, 4 if index % 7 == 0 else 0)
             code_compact_plane(coder, models[layer], context, planes[index], choice)
             decoded[index] = planes[index]
@@ -348,7 +388,7 @@ def encode_compact(spheres, planes, bound_um):
             if all(abs(v) < LIMIT for v in patch):
                 patch = [math.floor(v + 0.5) for v in patch]
                 if is_in_range(patch):
-                    known.add((number, p), frame.to_cell(patch))
+                    known.add((number, p), frame.to_cell(patch), frame.u)
         layers.append(coder.finish())
     return layers, decoded
 
@@ -374,7 +414,7 @@ def encode_packed(spheres, planes):
         distance, last = [[Integer(Model) for _ in range(3)] for _ in range(2)]
         normal = [[Integer(Model) for _ in range(3)] for _ in range(3)]
         for index, number, sphere, p, frame in patches(spheres, layer, planes):
-            patch, _, agree, _, _ = known.predict(frame, [(number, q) for q in sphere.neighbours(p)])
+            patch, _, agree, _, _ = known.predict(frame, [(number, q) for q in sphere.neighbours(p)], sphere.size)
             m, e = frame.to_cell(patch), min(agree, 2)
             size = math.sqrt(float(m[0]) * m[0] + float(m[1]) * m[1] + float(m[2]) * m[2])
             expected = [float32(-float(v) / size) for v in m]
@@ -391,6 +431,6 @@ def encode_packed(spheres, planes):
             scale = UNIT / ((n[0] * frame.u[0] + n[1] * frame.u[1] + n[2] * frame.u[2]) * plane[0])
             v = [x * scale for x in n]
             small = all(abs(x) < LIMIT for x in v)
-            known.add((number, p), [math.floor(x + 0.5) for x in v] if small else [0, 0, 0])
+            known.add((number, p), [math.floor(x + 0.5) for x in v] if small else [0, 0, 0], frame.u)
         layers.append(coder.finish())
     return layers, dict(planes)

@@ -210,7 +210,7 @@ def canonical_coded_cell(t):
     raw = struct.pack("<4Q", *[t["raw_hash"][f"word{i}"] for i in range(4)])
     root = b.table({
         0: ("H", VERSION), 1: ("struct", bytes(32)), 2: ("struct", bytes(32)), 3: ("struct", raw),
-        4: ("B", ["", "Packed", "Compact"].index(t["encoding"])), 5: ("I", t["bound_um"]), 6: ("ref", lattice),
+        4: ("B", ["", "Packed", "Compact", "Compact2"].index(t["encoding"])), 5: ("I", t["bound_um"]), 6: ("ref", lattice),
         7: ("I", t["plane_count"]), 8: ("I", t["coarse_plane_count"]), 9: ("I", t["coarse_bytes"]),
         10: ("ref", session), 11: ("I", t.get("sequence", 0)), 12: ("struct", doubles(t["t_odom_cell"], POSE)),
         13: ("q", t.get("first_stamp_ns", 0)), 14: ("q", t.get("last_stamp_ns", 0)),
@@ -403,7 +403,7 @@ def coded(name, encoding, bound_um, kind, size, visible, **rest):
             if plane:
                 planes[sphere.first + k] = plane
     layers, decoded = (coded_cell.encode_packed(lattice, planes) if encoding == "Packed"
-                       else coded_cell.encode_compact(lattice, planes, bound_um))
+                       else coded_cell.encode_compact(lattice, planes, bound_um, 2 if encoding == "Compact2" else 1))
 
     def as_twin(columns):
         return [dict(zip(("distance", "nx", "ny", "nz"), columns[index])) for index in sorted(columns)]
@@ -432,6 +432,11 @@ CODED_CELLS = {
     "bands-packed": lambda name: coded(name, "Packed", 0, "FibonacciBands", 1_000, lambda i: i % 3 != 0),
     "nothing-packed": lambda name: coded(name, "Packed", 0, "Fibonacci", 1_000, lambda i: False),
     "nothing-1mm": lambda name: coded(name, "Compact", 1_000, "Fibonacci", 1_000, lambda i: False),
+    "room-10mm-2": lambda name: coded(name, "Compact2", 10_000, "Fibonacci", 1_000, lambda i: True, scan_count=1),
+    "part-of-a-room-20mm-2": lambda name: coded(name, "Compact2", 20_000, "Fibonacci", 50_000,
+                                                lambda i: 26_000 <= i < 26_900 or i in (0, 4, 49_999), sequence=1),
+    "bands-50mm-2": lambda name: coded(name, "Compact2", 50_000, "FibonacciBands", 1_000, lambda i: True),
+    "nothing-1mm-2": lambda name: coded(name, "Compact2", 1_000, "Fibonacci", 1_000, lambda i: False),
 }
 
 

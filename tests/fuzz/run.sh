@@ -4,7 +4,7 @@
 #
 # Usage: ./tests/fuzz/run.sh [--seconds N] [TARGET...]
 #   --seconds N   of each target: 60
-#   TARGET        coded_cell, coded_planes, archive, archive_parts, plane_pcd, ...; default: all
+#   TARGET        a name of tests/fuzz/CMakeLists.txt, such as request_head; default: all
 # Exit code: 0, or 1 where a target crashed, leaked or hung, or 2 for a wrong argument.
 set -euo pipefail
 seconds=60
@@ -40,7 +40,7 @@ for target in "${targets[@]}"; do
     echo "$target: nothing found, $(sed -n 's/^stat::number_of_executed_units: *//p' "$log") runs"
   else
     failed=1
-    echo "$target: FOUND something; see $log and build/fuzz/findings/" >&2
+    echo "$target: FOUND $(ls build/fuzz/findings/"$target"-* 2>/dev/null | tail -n 1 || true); $log says what" >&2
     tail -n 15 "$log" >&2
   fi
 done

@@ -92,6 +92,67 @@ void expect_slow_prediction(const PatchFrames& frames, const PatchNeighbours& ar
   for (int i = 0; i < 3; ++i) EXPECT_EQ(fast.m[i][k], double(frame.to_cell(mean, i)));
 }
 
+/// FORMAT.md, "Predicted planes", the fitted plane, in doubles one after another.
+void expect_slow_fit(const PatchFrames& frames, const PatchNeighbours& around, double held,
+                     const PatchPredictions& mean, const PatchPredictions& fast, std::size_t k) {
+  ASSERT_EQ(fast.neighbours[k], mean.neighbours[k]);
+  if (mean.neighbours[k] == 0) return;
+  ASSERT_EQ(fast.agreeing[k], mean.agreeing[k]);
+  const SlowFrame frame(frames, k);
+  std::vector<Whole> seen;
+  std::vector<double> x, y, e;
+  std::vector<std::int64_t> w;
+  const auto plane_of = [&](std::size_t n) {
+    const PatchVectors& m = around.m[n];
+    return frame.to_patch({std::int64_t(m[0][k]), std::int64_t(m[1][k]), std::int64_t(m[2][k])});
+  };
+  for (std::size_t n = 0; n < PatchNeighbours::kMost; ++n) {
+    if (is_in_range(plane_of(n))) w.push_back(plane_of(n)[0]);
+  }
+  std::sort(w.begin(), w.end());
+  const std::int64_t median = w[w.size() / 2];
+  for (std::size_t n = 0; n < PatchNeighbours::kMost; ++n) {
+    const Whole p = plane_of(n);
+    if (!is_in_range(p) || std::abs(p[0] - median) > median / 16) continue;
+    std::array<double, 3> u, more;
+    for (int i = 0; i < 3; ++i) {
+      u[i] = around.u[n][i][k];
+      more[i] = around.m[n][i][k] - mean.m[i][k];
+    }
+    seen.push_back(p);
+    x.push_back(u[0] * frame.t1[0] + u[1] * frame.t1[1]);
+    y.push_back((u[0] * frame.t2[0] + u[1] * frame.t2[1]) + u[2] * frame.t2[2]);
+    e.push_back((more[0] * u[0] + more[1] * u[1]) + more[2] * u[2]);
+  }
+  const double share = 1 / static_cast<double>(seen.size());
+  const auto mean_of = [&](const std::vector<double>& a) {
+    double sum = 0;
+    for (const double v : a) sum += v;
+    return sum * share;
+  };
+  const auto covariance = [&](const std::vector<double>& a, const std::vector<double>& b) {
+    double sum = 0;
+    for (std::size_t n = 0; n < a.size(); ++n) sum += a[n] * b[n];
+    return sum * share - mean_of(a) * mean_of(b);
+  };
+  const double xx = covariance(x, x) + held, yy = covariance(y, y) + held, xy = covariance(x, y),
+               xe = covariance(x, e), ye = covariance(y, e), d = xx * yy - xy * xy;
+  double g1 = (xe * yy - ye * xy) / d, g2 = (ye * xx - xe * xy) / d;
+  double dw = (mean_of(e) - g1 * mean_of(x)) - g2 * mean_of(y);
+  if (!(std::abs(dw) <= 0.25 * mean.w[k])) dw = g1 = g2 = 0;
+  EXPECT_EQ(fast.w[k], mean.w[k] + dw);
+  EXPECT_EQ(fast.s1[k], mean.s1[k] + g1);
+  EXPECT_EQ(fast.s2[k], mean.s2[k] + g2);
+  double w_spread = 0, s_spread = 0;
+  for (std::size_t n = 0; n < seen.size(); ++n) {
+    w_spread += std::abs(e[n] - ((dw + g1 * x[n]) + g2 * y[n]));
+    s_spread +=
+        std::abs(double(seen[n][1]) - fast.s1[k]) + std::abs(double(seen[n][2]) - fast.s2[k]);
+  }
+  EXPECT_EQ(fast.w_spread[k], 2 * w_spread);
+  EXPECT_EQ(fast.s_spread[k], s_spread);
+}
+
 void expect_slow_expectation(const PatchPredictions& p, const ExpectedPlanes& fast, std::size_t k) {
   const double i = 1 / p.w[k], r = 0x1p28 * i, l1 = p.s1[k] * i, l2 = p.s2[k] * i;
   EXPECT_EQ(fast.range_m[k], r);
@@ -146,6 +207,7 @@ PatchNeighbours some_neighbours(const PatchFrames& frames, std::mt19937& rng) {
       for (int i = 0; i < 3; ++i) {
         const double m = size * (frames.u[i][k] + noise * normal(rng));
         around.m[n][i][k] = std::floor(std::clamp(m, -0x1p30 * 1.7, 0x1p30 * 1.7));
+        around.u[n][i][k] = frames.u[i][k] + 0.02 * normal(rng);
       }
     }
   }
@@ -163,6 +225,8 @@ TEST(PatchPlanes, AreThoseOfIntegersOnEveryInstructionSet) {
       const PatchNeighbours around = some_neighbours(frames, rng);
       PatchPredictions predictions;
       predict_planes(frames, around, kMostPatches, predictions);
+      PatchPredictions fitted;
+      fit_planes(frames, around, 1e-4, kMostPatches, fitted);
       ExpectedPlanes expected;
       expect_planes(predictions, 0, kMostPatches, expected);
       LeaningPlanes leaning;
@@ -175,11 +239,47 @@ TEST(PatchPlanes, AreThoseOfIntegersOnEveryInstructionSet) {
       rebuild_planes(frames, leaning, 0, kMostPatches, rebuilt);
       for (std::size_t k = 0; k < kMostPatches; ++k) {
         expect_slow_prediction(frames, around, predictions, k);
+        expect_slow_fit(frames, around, 1e-4, predictions, fitted, k);
         if (predictions.neighbours[k] > 0) expect_slow_expectation(predictions, expected, k);
         expect_slow_plane(frames, leaning, rebuilt, k);
       }
     }
   });
+}
+
+TEST(PatchPlanes, FittedToCentresOfAPlaneAreThatPlaneThoughSlopesAreWrong) {
+  std::mt19937 rng(7);
+  std::normal_distribution<double> normal(0, 1);
+  PatchFrames frames = some_frames(rng);
+  complete_frames(frames, kMostPatches);
+  PatchNeighbours around;
+  std::array<double, kMostPatches> truth;
+  for (std::size_t k = 0; k < kMostPatches; ++k) {
+    const SlowFrame frame(frames, k);
+    const auto along = [&](double a, double b, double c, int i) {
+      return a * frame.u[i] + b * frame.t1[i] + c * frame.t2[i];
+    };
+    const double size = 0x1p26;
+    truth[k] = size;
+    for (std::size_t n = 0; n < PatchNeighbours::kMost; ++n) {
+      // Neighbours on one side; the plane leans by half, their slopes say that it does not.
+      const double x = 0.02 + 0.005 * double(n), y = 0.01 * normal(rng);
+      const double at = size * (1 + 0.5 * x) / (1 + x * x + y * y);
+      for (int i = 0; i < 3; ++i) {
+        const double u = along(1, x, y, i);
+        around.u[n][i][k] = u;
+        around.m[n][i][k] = std::floor(at * u);
+      }
+    }
+  }
+  PatchPredictions mean, fitted;
+  predict_planes(frames, around, kMostPatches, mean);
+  fit_planes(frames, around, 1e-9, kMostPatches, fitted);
+  for (std::size_t k = 0; k < kMostPatches; ++k) {
+    EXPECT_GT(std::abs(mean.w[k] - truth[k]), 0.01 * truth[k]);
+    EXPECT_NEAR(fitted.w[k], truth[k], 1e-3 * truth[k]);
+    EXPECT_NEAR(fitted.s1[k], 0.5 * truth[k], 0.05 * truth[k]);
+  }
 }
 
 TEST(PatchPlanes, OfARangeAreThoseOfAll) {

@@ -6,7 +6,7 @@
 
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/group_commit.hpp"
-#include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sql_schema.hpp"
 #include "cellmap/store/store_file.hpp"
 #include "support/expect_error.hpp"
 #include "support/temp_folder.hpp"

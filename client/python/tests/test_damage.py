@@ -9,8 +9,8 @@ from conftest import VECTORS
 from cellmap import Error, open_archive, read_cell, read_changes, read_coded_cell, read_pose_graph, read_scan
 from cellmap.coded_cell import _decoded, _read_head
 
-FILES = [("street.cell", read_cell), ("room-10mm.ccod", read_coded_cell), ("room-packed.ccod", read_coded_cell),
-         ("bands-50mm.ccod", read_coded_cell)]
+FILES = [("street.cell", read_cell), ("room-10mm.ccod", read_coded_cell), ("room-10mm-2.ccod", read_coded_cell),
+         ("room-packed.ccod", read_coded_cell), ("bands-50mm.ccod", read_coded_cell)]
 WITHOUT_HASH = [("judged-loops.cpgr", read_pose_graph), ("extremes.cchg", read_changes), ("with-nan.cscn", read_scan)]
 
 
@@ -51,7 +51,7 @@ def test_other_files_never_raise_anything_but_error(name, reader) -> None:
 
 def test_decoding_with_a_sound_hash_but_odd_content_stays_within_error() -> None:
     """Behind the hashes: the decoder alone against noise in place of its layers."""
-    for name in ("room-10mm.ccod", "room-packed.ccod"):
+    for name in ("room-10mm.ccod", "room-10mm-2.ccod", "room-packed.ccod"):
         head = _read_head((VECTORS / name).read_bytes())
         dice = random.Random(9)
         for _ in range(40):

@@ -28,6 +28,25 @@ std::size_t bytes_before_data(std::span<const std::byte> bytes, const schema::Co
                                   bytes.data());
 }
 
+/// What the file says of how to read it.
+schema::Encoding encoding_to_wire(CellEncoding encoding) {
+  return encoding == CellEncoding::kPacked ? schema::Encoding::Packed : schema::Encoding::Compact2;
+}
+
+CellEncoding encoding_from_wire(schema::Encoding encoding) {
+  switch (encoding) {
+    case schema::Encoding::Packed:
+      return CellEncoding::kPacked;
+    case schema::Encoding::Compact:
+    case schema::Encoding::Compact2:
+      return CellEncoding::kCompact;
+    default:
+      throw Error(ErrorCode::kUnsupported,
+                  "the coded CELL has the encoding " + std::to_string(int(encoding)) +
+                      ", but this build knows 1 (packed), 2 and 3 (compact)");
+  }
+}
+
 EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound_um,
                     const CodedLayers& layers) {
   const ContentHash raw_hash = encode_cell(cell).hash;
@@ -43,13 +62,12 @@ EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound
   const schema::Pose T_odom_cell = pose_to_wire(cell.T_odom_cell);
   schema::FinishCodedCellBuffer(
       builder,
-      schema::CreateCodedCell(builder, kFormatVersion, &no_hash_yet, &no_hash_yet, &raw,
-                              static_cast<schema::Encoding>(encoding), bound_um, lattice,
-                              static_cast<std::uint32_t>(cell.planes.size()),
-                              static_cast<std::uint32_t>(layers[0].planes),
-                              static_cast<std::uint32_t>(layers[0].bytes.size()), session,
-                              cell.sequence, &T_odom_cell, cell.first_stamp, cell.last_stamp,
-                              cell.first_scan, cell.scan_count, statistics, coded));
+      schema::CreateCodedCell(
+          builder, kFormatVersion, &no_hash_yet, &no_hash_yet, &raw, encoding_to_wire(encoding),
+          bound_um, lattice, static_cast<std::uint32_t>(cell.planes.size()),
+          static_cast<std::uint32_t>(layers[0].planes),
+          static_cast<std::uint32_t>(layers[0].bytes.size()), session, cell.sequence, &T_odom_cell,
+          cell.first_stamp, cell.last_stamp, cell.first_scan, cell.scan_count, statistics, coded));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
   const schema::CodedCell& wire = root(encoded.bytes);
@@ -62,12 +80,7 @@ EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound
 
 /// Throws unless the fields that say how to decode are those of an encoder.
 void check_coding(const schema::CodedCell& wire, const Lattice& lattice) {
-  const auto encoding = static_cast<CellEncoding>(wire.encoding());
-  if (encoding != CellEncoding::kPacked && encoding != CellEncoding::kCompact) {
-    throw Error(ErrorCode::kUnsupported, "the coded CELL has the encoding " +
-                                             std::to_string(int(wire.encoding())) +
-                                             ", but this build knows 1 (packed) and 2 (compact)");
-  }
+  const CellEncoding encoding = encoding_from_wire(wire.encoding());
   const double bound_m = wire.bound_um() * kMicro;
   const bool is_bound_right = encoding == CellEncoding::kPacked
                                   ? wire.bound_um() == 0
@@ -98,7 +111,7 @@ DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
   DecodedCell decoded;
   decoded.hash = hash_from_wire(*wire.content_hash());
   decoded.raw_hash = hash_from_wire(*wire.raw_hash());
-  decoded.encoding = static_cast<CellEncoding>(wire.encoding());
+  decoded.encoding = encoding_from_wire(wire.encoding());
   decoded.bound_m = wire.bound_um() * kMicro;
   decoded.is_coarse = is_coarse;
   decoded.all_planes = wire.plane_count();
@@ -111,9 +124,11 @@ DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
       {data.first(wire.coarse_bytes()), wire.coarse_plane_count()},
       {data.subspan(wire.coarse_bytes()), wire.plane_count() - wire.coarse_plane_count()}};
   const auto layers = std::span(views).first(is_coarse ? 1 : kPlaneLayers);
+  const auto version =
+      wire.encoding() == schema::Encoding::Compact ? CompactVersion::k1 : CompactVersion::k2;
   DecodedPlanes planes = decoded.encoding == CellEncoding::kPacked
                              ? decode_packed_planes(lattice, layers)
-                             : decode_compact_planes(lattice, layers, decoded.bound_m);
+                             : decode_compact_planes(lattice, layers, decoded.bound_m, version);
   decoded.cell.indices = std::move(planes.indices);
   decoded.cell.planes = std::move(planes.planes);
   validate(decoded.cell);

@@ -8,7 +8,7 @@
 
 namespace cellmap {
 
-/// How a coded CELL keeps its planes; the format's numbers.
+/// How a coded CELL keeps its planes.
 enum class CellEncoding : std::uint8_t {
   kPacked = 1,   ///< every bit
   kCompact = 2,  ///< within a bound

@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "cellmap/codec/compact_planes.hpp"
 #include "cellmap/codec/index_coding.hpp"
 #include "cellmap/codec/plane_prediction.hpp"
 #include "cellmap/codec/range_coder.hpp"
@@ -31,17 +32,20 @@ struct ScaleModel {
   std::array<std::array<BitModel, kDigits>, 2> more;
 };
 
+/// Version 1 has the models of nominal steps for all.
 struct CompactModel {
+  using RangeModels = std::array<IntegerModel, 4 * kContextLevels>;
+  using SlopeModels = std::array<IntegerModel, 3 * kContextLevels>;
   IndexModel index;
   std::array<ScaleModel, 4 * kContextLevels> scale;
-  std::array<IntegerModel, 4 * kContextLevels> range;
-  std::array<std::array<IntegerModel, 3 * kContextLevels>, 2> slopes;
+  std::array<RangeModels, 3> range;  ///< by kind of steps: nominal, finer, coarser
+  std::array<std::array<SlopeModels, 3>, 2> slopes;
 };
 using CompactModels = std::array<CompactModel, kPlaneLayers>;
 
-/// All models, in the order of the table of first probabilities.
+/// All models, in the order of version 2's table of first probabilities.
 std::span<BitModel> bit_models(CompactModels& models);
-CompactModels first_compact_models();
+CompactModels first_compact_models(CompactVersion version);
 
 /// A plane as its patch sees it: the range of its centre, and the slopes of the plane there along
 /// the two tangents: the tangents of the angles at which it leans away from facing the origin.
@@ -58,7 +62,7 @@ struct LeaningPlane {
 /// Steps of a plane's numbers at a scale.
 class StepRule {
  public:
-  StepRule(double bound_m, double patch_radius_rad);
+  StepRule(double bound_m, double patch_radius_rad, CompactVersion version);
 
   double of_range(double secant, int scale) const {
     return range_ * factors_[scale - kFinestScale] * secant;
@@ -83,6 +87,9 @@ inline int doublings(double spread, double step) {
 inline int size_class(std::int64_t value) {
   return static_cast<int>(std::min<std::int64_t>(std::abs(value), 2));
 }
+
+/// Of a scale: which models code what is counted in its steps.
+constexpr std::size_t kind_of_steps(int scale) { return scale == 0 ? 0 : scale < 0 ? 1 : 2; }
 
 /// What is written of a plane.
 struct CodedPlane {
@@ -168,29 +175,34 @@ template <typename Coder>
 
 template <typename Coder>
 [[gnu::always_inline]] inline void code_plane(Coder& coder, CompactModel& model,
-                                              const PlaneContext& context, CodedPlane& coded) {
+                                              CompactVersion version, const PlaneContext& context,
+                                              CodedPlane& coded) {
   const int rows = context.row() * kContextLevels;
   coded.scale = code_scale(coder, model.scale[rows + context.scale_level()], coded.scale);
   if (coded.scale == kEscapeScale) {
     for (std::uint32_t& word : coded.raw) word = coder.bits(32, word);
     return;
   }
-  coded.range = code_integer(coder, model.range[rows + context.range_level(coded.scale)],
+  const std::size_t kind = version == CompactVersion::k1 ? 0 : kind_of_steps(coded.scale);
+  coded.range = code_integer(coder, model.range[kind][rows + context.range_level(coded.scale)],
                              kMaxStepDigits, coded.range);
   const int row =
       context.slope_level(std::abs(context.slope_step(coded.scale, context.range_m(coded))));
-  coded.s1 = code_integer(coder, model.slopes[0][size_class(coded.range) * kContextLevels + row],
-                          kMaxStepDigits, coded.s1);
-  coded.s2 = code_integer(coder, model.slopes[1][size_class(coded.s1) * kContextLevels + row],
+  coded.s1 =
+      code_integer(coder, model.slopes[0][kind][size_class(coded.range) * kContextLevels + row],
+                   kMaxStepDigits, coded.s1);
+  coded.s2 = code_integer(coder, model.slopes[1][kind][size_class(coded.s1) * kContextLevels + row],
                           kMaxStepDigits, coded.s2);
 }
 
 /// What is kept from plane to plane.
 struct CompactState {
-  CompactState(CodingLattice& coding_lattice, std::size_t planes, double bound_m);
+  CompactState(CodingLattice& coding_lattice, std::size_t planes, double bound_m,
+               CompactVersion coding_version);
 
   CodingLattice& lattice;
-  CompactModels models = first_compact_models();
+  CompactVersion version;
+  CompactModels models;
   KnownPlanes known;
   CodedIndex index;
   std::vector<StepRule> rules;  ///< of each sphere

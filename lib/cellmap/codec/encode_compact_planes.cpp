@@ -133,7 +133,7 @@ std::size_t encode_layer(Coder& coder, CompactState& state, int layer,
       const PlaneContext context(contexts, k, rule);
       CodedPlane coded = PlaneEncoder(batch, k, rebuilt, context, radius_rad, bound_m)
                              .encode(*planes_of_layer[first + k]);
-      code_plane(coder, model, context, coded);
+      code_plane(coder, model, state.version, context, coded);
       if (coded.scale != kEscapeScale) rebuilt.add_to(state.known, batch, k);
     }
   });
@@ -142,7 +142,7 @@ std::size_t encode_layer(Coder& coder, CompactState& state, int layer,
 
 CompactState state_to_encode(CodingLattice& lattice, std::span<const std::uint32_t> indices,
                              double bound_m) {
-  CompactState state(lattice, indices.size(), bound_m);
+  CompactState state(lattice, indices.size(), bound_m, CompactVersion::k2);
   state.index.has_plane.resize(lattice.lattice.size());
   for (const std::uint32_t index : indices) state.index.has_plane[index] = 1;
   return state;

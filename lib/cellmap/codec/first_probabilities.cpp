@@ -3,7 +3,7 @@
 namespace cellmap {
 namespace {
 
-// Written by tests/codec/train_first_probabilities.cpp; part of the format.
+// Of version 1; trained as those of version 2 are, with its models.
 // clang-format off
 constexpr std::uint8_t kCompact[] = {
 5,128,247,128,19,31,43,56,46,48,65,69,34,39,22,66,49,68,59,71,41,52,54,60,
@@ -221,6 +221,6 @@ constexpr std::uint8_t kCompact[] = {
 
 }  // namespace
 
-std::span<const std::uint8_t> compact_first_probabilities() { return kCompact; }
+std::span<const std::uint8_t> first_probabilities_1() { return kCompact; }
 
 }  // namespace cellmap

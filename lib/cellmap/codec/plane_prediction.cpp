@@ -5,8 +5,9 @@
 
 namespace cellmap {
 
-KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes)
-    : lattice_(lattice), slots_(lattice.places), planes_(1) {
+KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes, PredictionRule rule)
+    : lattice_(lattice), slots_(lattice.places), planes_(1), rule_(rule) {
+  if (planes > UINT16_MAX) high_slots_.resize(lattice.places);
   planes_.reserve(planes + 1);
 }
 
@@ -17,25 +18,35 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
     // The first that are known; the others stay slot 0, a plane that counts nowhere.
     std::array<std::uint32_t, LatticeBelts::kNeighbours + 1> slots{};
     std::size_t known = 0;
-    const std::uint32_t* const here = slots_.data() + place(batch, k);
+    const std::uint16_t* const here = slots_.data() + place(batch, k);
+    const std::uint8_t* const high =
+        high_slots_.empty() ? nullptr : high_slots_.data() + place(batch, k);
     for (const std::int32_t offset : belts.offsets_at(batch.points[k])) {
       slots[known] = here[offset];
+      if (high) slots[known] |= std::uint32_t{high[offset]} << 16;
       known += slots[known] != 0;
     }
     for (std::size_t n = 0; n < kUsed; ++n) {
-      const InversePlane& plane = planes_[slots[n]];
-      around_.m[n][0][k] = plane.x;
-      around_.m[n][1][k] = plane.y;
-      around_.m[n][2][k] = plane.z;
+      const auto& [m, u] = planes_[slots[n]];
+      around_.m[n][0][k] = m.x;
+      around_.m[n][1][k] = m.y;
+      around_.m[n][2][k] = m.z;
+      for (int axis = 0; axis < 3; ++axis) around_.u[n][axis][k] = u[axis];
     }
   }
-  simd::predict_planes(batch.frames, around_, batch.count, predictions_);
+  if (rule_ == PredictionRule::kMean) {
+    simd::predict_planes(batch.frames, around_, batch.count, predictions_);
+  } else {
+    const double held_rad2 = 2.0 / lattice_.spheres[batch.sphere].size;
+    simd::fit_planes(batch.frames, around_, held_rad2, batch.count, predictions_);
+  }
   return predictions_;
 }
 
 void KnownPlanes::guess(const PatchBatch& batch, std::size_t k) {
   // The last plane's range, seen head on.
-  const double last = std::abs(planes_.back().x) + std::abs(planes_.back().y);
+  const InversePlane& before = planes_.back().m;
+  const double last = std::abs(before.x) + std::abs(before.y);
   const double w = std::clamp(last, kMaxInverseRange / 512, kMaxInverseRange - 1);
   predictions_.w[k] = w;
   for (int axis = 0; axis < 3; ++axis) {

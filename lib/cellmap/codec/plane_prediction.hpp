@@ -66,11 +66,18 @@ void visit_batches(CodingLattice& lattice, std::span<const std::uint32_t> indice
   }
 }
 
+/// What is expected of a patch from the planes around it that agree.
+enum class PredictionRule {
+  kMean,    ///< their mean
+  kFitted,  ///< the plane through their centres
+};
+
 /// The planes of a CELL that are already known, by place in the lattice.
 class KnownPlanes {
  public:
   /// `lattice` must outlive it.
-  KnownPlanes(CodingLattice& lattice, std::size_t planes);
+  KnownPlanes(CodingLattice& lattice, std::size_t planes,
+              PredictionRule rule = PredictionRule::kMean);
 
   /// What is known around each patch of `batch`.
   const simd::PatchPredictions& predict(const PatchBatch& batch);
@@ -82,18 +89,31 @@ class KnownPlanes {
 
   /// Makes patch k of the batch a neighbour of later ones.
   void add(const PatchBatch& batch, std::size_t k, const InversePlane& m) {
-    slots_[place(batch, k)] = static_cast<std::uint32_t>(planes_.size());
-    planes_.push_back(m);
+    const auto slot = static_cast<std::uint32_t>(planes_.size());
+    slots_[place(batch, k)] = static_cast<std::uint16_t>(slot);
+    if (!high_slots_.empty()) {
+      high_slots_[place(batch, k)] = static_cast<std::uint8_t>(slot >> 16);
+    }
+    planes_.push_back({m, {batch.frames.u[0][k], batch.frames.u[1][k], batch.frames.u[2][k]}});
   }
 
  private:
+  struct Known {
+    InversePlane m;
+    std::array<double, 3> u{};  ///< direction of its patch
+  };
+
   std::size_t place(const PatchBatch& batch, std::size_t k) const {
     return lattice_.first_place[batch.sphere] + batch.points[k];
   }
 
   CodingLattice& lattice_;
-  std::vector<std::uint32_t> slots_;  ///< by place: position in planes_, 0: none
-  std::vector<InversePlane> planes_;
+  // By place: position in planes_, 0: none. Two bytes, because fresh memory is what decoding waits
+  // for; a third one where there are so many planes.
+  std::vector<std::uint16_t> slots_;
+  std::vector<std::uint8_t> high_slots_;
+  std::vector<Known> planes_;
+  PredictionRule rule_;
   simd::PatchNeighbours around_;
   simd::PatchPredictions predictions_;
 };

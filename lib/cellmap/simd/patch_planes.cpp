@@ -119,54 +119,149 @@ HWY_INLINE VD median_of(VD (&w)[PatchNeighbours::kMost], VD count) {
   return hn::IfThenElse(hn::Ge(count, constant(6)), v[3], median);
 }
 
+/// The planes around a patch that agree.
+struct Agreeing {
+  static constexpr std::size_t kMost = PatchNeighbours::kMost;
+  Seen seen[kMost];
+  MD agrees[kMost];
+  VD neighbours, count, divisor;
+  Seen mean;
+
+  HWY_INLINE Agreeing(std::size_t k, const Frame& frame, const PatchNeighbours& around) {
+    const VD one = constant(1), zero = constant(0);
+    VD w[kMost];
+    neighbours = count = zero;
+    for (std::size_t n = 0; n < kMost; ++n) {
+      seen[n] = frame.to_patch(load(around.m[n], k));
+      const MD counts = is_in_range(seen[n]);
+      w[n] = hn::IfThenElse(counts, seen[n].w, constant(kLimit));
+      neighbours = hn::Add(neighbours, hn::IfThenElseZero(counts, one));
+    }
+    // Those agree that are within a share of the median; at `kLimit` is none.
+    const VD median = median_of(w, neighbours);
+    const VD tolerance = hn::Floor(hn::Mul(median, constant(1.0 / 16)));
+    Seen sum = {zero, zero, zero};
+    for (std::size_t n = 0; n < kMost; ++n) {
+      agrees[n] = hn::And(hn::Lt(w[n], constant(kLimit)),
+                          hn::Le(hn::Abs(hn::Sub(w[n], median)), tolerance));
+      count = hn::Add(count, hn::IfThenElseZero(agrees[n], one));
+      sum.w = hn::Add(sum.w, hn::IfThenElseZero(agrees[n], seen[n].w));
+      sum.s1 = hn::Add(sum.s1, hn::IfThenElseZero(agrees[n], seen[n].s1));
+      sum.s2 = hn::Add(sum.s2, hn::IfThenElseZero(agrees[n], seen[n].s2));
+    }
+    // The quotient is rounded, but not past an integer: it is at least a sixth from the next one.
+    divisor = hn::Max(count, one);
+    mean = {hn::Floor(hn::Div(sum.w, divisor)), hn::Floor(hn::Div(sum.s1, divisor)),
+            hn::Floor(hn::Div(sum.s2, divisor))};
+  }
+
+  /// Of what `of` says of each.
+  template <typename Of>
+  HWY_INLINE VD sum(const Of& of) const {
+    VD result = constant(0);
+    for (std::size_t n = 0; n < kMost; ++n) {
+      result = hn::Add(result, hn::IfThenElseZero(agrees[n], of(n)));
+    }
+    return result;
+  }
+};
+
+HWY_INLINE VD apart(VD a, VD b) { return hn::Abs(hn::Sub(a, b)); }
+
+HWY_INLINE void store_prediction(const Agreeing& of, const Seen& plane, std::size_t k,
+                                 PatchPredictions& predictions) {
+  store(plane.w, predictions.w, k);
+  store(plane.s1, predictions.s1, k);
+  store(plane.s2, predictions.s2, k);
+  store(of.neighbours, predictions.neighbours, k);
+  store(of.count, predictions.agreeing, k);
+  const VD s_spread = of.sum([&](std::size_t n) {
+    return hn::Add(apart(of.seen[n].s1, plane.s1), apart(of.seen[n].s2, plane.s2));
+  });
+  store(s_spread, predictions.s_spread, k);
+}
+
 HWY_INLINE void predict_at(std::size_t k, const PatchFrames& frames, const PatchNeighbours& around,
                            PatchPredictions& predictions) {
-  constexpr std::size_t kMost = PatchNeighbours::kMost;
   const Frame frame(frames, k);
-  const VD one = constant(1), zero = constant(0);
-  Seen seen[kMost];
-  VD w[kMost];
-  VD count = zero;
-  for (std::size_t n = 0; n < kMost; ++n) {
-    seen[n] = frame.to_patch(load(around.m[n], k));
-    const MD counts = is_in_range(seen[n]);
-    w[n] = hn::IfThenElse(counts, seen[n].w, constant(kLimit));
-    count = hn::Add(count, hn::IfThenElseZero(counts, one));
+  const Agreeing of(k, frame, around);
+  store_prediction(of, of.mean, k, predictions);
+  store(frame.to_cell(of.mean), predictions.m, k);
+  store(of.sum([&](std::size_t n) { return apart(of.seen[n].w, of.mean.w); }), predictions.w_spread,
+        k);
+}
+
+/// Centres of the planes around a patch that agree, zeros for others: where, in radians from its
+/// own, and by how much their inverse range is more than that of their mean there.
+struct Centres {
+  static constexpr std::size_t kMost = PatchNeighbours::kMost;
+  using Numbers = VD[kMost];
+  Numbers x, y, more;
+
+  HWY_INLINE Centres(std::size_t k, const Agreeing& of, const Vector& mean,
+                     const PatchFrames& frames, const PatchNeighbours& around) {
+    const Vector t1 = load(frames.t1, k), t2 = load(frames.t2, k);
+    for (std::size_t n = 0; n < kMost; ++n) {
+      const Vector m = load(around.m[n], k), u = load(around.u[n], k);
+      const Vector apart = {hn::Sub(m.x, mean.x), hn::Sub(m.y, mean.y), hn::Sub(m.z, mean.z)};
+      x[n] = hn::IfThenElseZero(of.agrees[n], hn::Add(hn::Mul(u.x, t1.x), hn::Mul(u.y, t1.y)));
+      y[n] = hn::IfThenElseZero(of.agrees[n], dot(u, t2));
+      more[n] = hn::IfThenElseZero(of.agrees[n], dot(apart, u));
+    }
   }
-  // Those agree that are within a share of the median; at `kLimit` is none.
-  const VD median = median_of(w, count);
-  const VD tolerance = hn::Floor(hn::Mul(median, constant(1.0 / 16)));
-  MD agrees[kMost];
-  VD agreeing = zero;
-  Seen sum = {zero, zero, zero};
-  for (std::size_t n = 0; n < kMost; ++n) {
-    agrees[n] =
-        hn::And(hn::Lt(w[n], constant(kLimit)), hn::Le(hn::Abs(hn::Sub(w[n], median)), tolerance));
-    agreeing = hn::Add(agreeing, hn::IfThenElseZero(agrees[n], one));
-    sum.w = hn::Add(sum.w, hn::IfThenElseZero(agrees[n], seen[n].w));
-    sum.s1 = hn::Add(sum.s1, hn::IfThenElseZero(agrees[n], seen[n].s1));
-    sum.s2 = hn::Add(sum.s2, hn::IfThenElseZero(agrees[n], seen[n].s2));
-  }
-  // The quotient is rounded, but not past an integer: it is at least a sixth from the next one.
-  const VD divisor = hn::Max(agreeing, one);
-  const Seen mean = {hn::Floor(hn::Div(sum.w, divisor)), hn::Floor(hn::Div(sum.s1, divisor)),
-                     hn::Floor(hn::Div(sum.s2, divisor))};
-  VD w_spread = zero, s_spread = zero;
-  for (std::size_t n = 0; n < kMost; ++n) {
-    const auto apart = [](VD a, VD b) { return hn::Abs(hn::Sub(a, b)); };
-    w_spread = hn::Add(w_spread, hn::IfThenElseZero(agrees[n], apart(seen[n].w, mean.w)));
-    s_spread = hn::Add(
-        s_spread, hn::IfThenElseZero(
-                      agrees[n], hn::Add(apart(seen[n].s1, mean.s1), apart(seen[n].s2, mean.s2))));
-  }
-  store(mean.w, predictions.w, k);
-  store(mean.s1, predictions.s1, k);
-  store(mean.s2, predictions.s2, k);
-  store(frame.to_cell(mean), predictions.m, k);
-  store(count, predictions.neighbours, k);
-  store(agreeing, predictions.agreeing, k);
-  store(w_spread, predictions.w_spread, k);
-  store(s_spread, predictions.s_spread, k);
+};
+
+/// Of what `of` says of each.
+template <typename Of>
+HWY_INLINE VD sum_of_all(const Of& of) {
+  VD result = of(0);
+  for (std::size_t n = 1; n < Centres::kMost; ++n) result = hn::Add(result, of(n));
+  return result;
+}
+
+/// By how much the plane through the centres differs from the mean: least squares, where the
+/// slopes are held to the mean's.
+HWY_INLINE Seen fitted(const Agreeing& of, const Centres& at, VD held) {
+  const VD share = hn::Div(constant(1), of.divisor);
+  const auto mean = [&](const Centres::Numbers& a) {
+    return hn::Mul(sum_of_all([&](std::size_t n) { return a[n]; }), share);
+  };
+  const VD x = mean(at.x), y = mean(at.y), more = mean(at.more);
+  const auto covariance = [&](const Centres::Numbers& a, VD mean_a, const Centres::Numbers& b,
+                              VD mean_b) {
+    const VD products = sum_of_all([&](std::size_t n) { return hn::Mul(a[n], b[n]); });
+    return hn::Sub(hn::Mul(products, share), hn::Mul(mean_a, mean_b));
+  };
+  const VD xx = hn::Add(covariance(at.x, x, at.x, x), held);
+  const VD yy = hn::Add(covariance(at.y, y, at.y, y), held);
+  const VD xy = covariance(at.x, x, at.y, y);
+  const VD xm = covariance(at.x, x, at.more, more), ym = covariance(at.y, y, at.more, more);
+  const VD determinant = hn::Sub(hn::Mul(xx, yy), hn::Mul(xy, xy));
+  const VD s1 = hn::Div(hn::Sub(hn::Mul(xm, yy), hn::Mul(ym, xy)), determinant);
+  const VD s2 = hn::Div(hn::Sub(hn::Mul(ym, xx), hn::Mul(xm, xy)), determinant);
+  return {hn::Sub(hn::Sub(more, hn::Mul(s1, x)), hn::Mul(s2, y)), s1, s2};
+}
+
+HWY_INLINE void fit_at(std::size_t k, const PatchFrames& frames, const PatchNeighbours& around,
+                       VD held, PatchPredictions& predictions) {
+  const Frame frame(frames, k);
+  const Agreeing of(k, frame, around);
+  const Vector mean = frame.to_cell(of.mean);
+  const Centres at(k, of, mean, frames, around);
+  Seen by = fitted(of, at, held);
+  // One that is much nearer or farther is no plane of these neighbours.
+  const MD is_near = hn::Le(hn::Abs(by.w), hn::Mul(of.mean.w, constant(0.25)));
+  by = {hn::IfThenElseZero(is_near, by.w), hn::IfThenElseZero(is_near, by.s1),
+        hn::IfThenElseZero(is_near, by.s2)};
+  store_prediction(
+      of, {hn::Add(of.mean.w, by.w), hn::Add(of.mean.s1, by.s1), hn::Add(of.mean.s2, by.s2)}, k,
+      predictions);
+  store(mean, predictions.m, k);
+  const VD w_spread = of.sum([&](std::size_t n) {
+    return apart(at.more[n],
+                 hn::Add(hn::Add(by.w, hn::Mul(by.s1, at.x[n])), hn::Mul(by.s2, at.y[n])));
+  });
+  store(hn::Mul(w_spread, constant(2)), predictions.w_spread, k);
 }
 
 HWY_INLINE void expect_at(std::size_t k, const PatchPredictions& predictions,
@@ -223,6 +318,14 @@ void PredictPlanes(const PatchFrames& frames, const PatchNeighbours& around, std
   }
 }
 
+void FitPlanes(const PatchFrames& frames, const PatchNeighbours& around, double held_rad2,
+               std::size_t count, PatchPredictions& predictions) {
+  const VD held = constant(held_rad2);
+  for (std::size_t k = 0; k < count; k += hn::Lanes(D())) {
+    fit_at(k, frames, around, held, predictions);
+  }
+}
+
 void ExpectPlanes(const PatchPredictions& predictions, std::size_t begin, std::size_t end,
                   ExpectedPlanes& expected) {
   const std::size_t lanes = hn::Lanes(D());
@@ -248,6 +351,7 @@ namespace cellmap::simd {
 
 HWY_EXPORT(CompleteFrames);
 HWY_EXPORT(PredictPlanes);
+HWY_EXPORT(FitPlanes);
 HWY_EXPORT(ExpectPlanes);
 HWY_EXPORT(RebuildPlanes);
 
@@ -258,6 +362,11 @@ void complete_frames(PatchFrames& frames, std::size_t count) {
 void predict_planes(const PatchFrames& frames, const PatchNeighbours& around, std::size_t count,
                     PatchPredictions& predictions) {
   HWY_DYNAMIC_DISPATCH(PredictPlanes)(frames, around, count, predictions);
+}
+
+void fit_planes(const PatchFrames& frames, const PatchNeighbours& around, double held_rad2,
+                std::size_t count, PatchPredictions& predictions) {
+  HWY_DYNAMIC_DISPATCH(FitPlanes)(frames, around, held_rad2, count, predictions);
 }
 
 void expect_planes(const PatchPredictions& predictions, std::size_t begin, std::size_t end,

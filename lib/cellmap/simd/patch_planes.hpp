@@ -30,10 +30,11 @@ void complete_frames(PatchFrames& frames, std::size_t count);
 struct PatchNeighbours {
   static constexpr std::size_t kMost = 6;
   std::array<PatchVectors, kMost> m{};
+  std::array<PatchVectors, kMost> u{};  ///< directions of their patches, for `fit_planes`
 };
 
-/// What the planes around a patch say about its own, in its frame: the mean of those that agree.
-/// All whole numbers.
+/// What the planes around a patch say about its own, in its frame: the mean of those that agree, or
+/// the plane through their centres. The mean is whole numbers.
 struct PatchPredictions {
   PatchNumbers w{}, s1{}, s2{};
   PatchVectors m{};  ///< the same in the CELL's frame
@@ -44,6 +45,13 @@ struct PatchPredictions {
 /// Where there are no neighbours only `neighbours` says something. About 12 ns a patch with AVX2.
 void predict_planes(const PatchFrames& frames, const PatchNeighbours& around, std::size_t count,
                     PatchPredictions& predictions);
+
+/// The same, but w, slopes and spreads (that of w twice) are of the plane that is fitted to the
+/// centres of those that agree (FORMAT.md, "The fitted plane"). Its slopes are held to their mean
+/// by `held_rad2`: as much as by centres so far aside, squared. `m` stays that of the mean.
+/// Takes 1.6 times as long.
+void fit_planes(const PatchFrames& frames, const PatchNeighbours& around, double held_rad2,
+                std::size_t count, PatchPredictions& predictions);
 
 /// Predictions as ranges and slopes, and what else steps are made of.
 struct ExpectedPlanes {

@@ -3,8 +3,6 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <sqlite3.h>
 
-#include <limits>
-
 #include "cellmap/core/disk_full.hpp"
 
 namespace cellmap {
@@ -51,11 +49,58 @@ auto translated(const Body& body) {
   }
 }
 
-[[noreturn]] void corrupt_value() {
-  throw Error(
-      ErrorCode::kCorruptData,
-      "store: a value is outside its range, so the file is damaged; restore it from a backup");
-}
+class SqliteStatement final : public SqlStatement {
+ public:
+  SqliteStatement(SQLite::Database& database, const std::string& sql) : statement_(database, sql) {}
+
+  void bind(std::int64_t value) override {
+    translated([&] { statement_.bind(++bound_, value); });
+  }
+  void bind(double value) override {
+    translated([&] { statement_.bind(++bound_, value); });
+  }
+  void bind(const std::string& value) override {
+    translated([&] { statement_.bind(++bound_, value); });
+  }
+  void bind(const Bytes& value) override {
+    // An empty vector may have a null pointer, which would bind NULL instead of zero bytes.
+    const void* const data = value.empty() ? static_cast<const void*>("") : value.data();
+    translated([&] { statement_.bind(++bound_, data, static_cast<int>(value.size())); });
+  }
+  void bind_null(SqlType) override {
+    translated([&] { statement_.bind(++bound_); });
+  }
+
+  bool step() override {
+    return translated([&] { return statement_.executeStep(); });
+  }
+
+  void release() noexcept override {
+    statement_.tryReset();
+    bound_ = 0;
+    // Bound values were copied; dropping them frees the memory of blobs. Only a null handle fails.
+    try {
+      statement_.clearBindings();
+    } catch (const SQLite::Exception&) {
+    }
+  }
+
+  std::int64_t integer(int column) const override { return value(column).getInt64(); }
+  double real(int column) const override { return value(column).getDouble(); }
+  std::string text(int column) const override { return value(column).getString(); }
+  bool is_null(int column) const override { return value(column).isNull(); }
+  std::span<const std::byte> bytes(int column) const override {
+    const SQLite::Column blob = value(column);
+    const void* const data = blob.getBlob();
+    return {static_cast<const std::byte*>(data), static_cast<std::size_t>(blob.getBytes())};
+  }
+
+ private:
+  SQLite::Column value(int column) const { return statement_.getColumn(column); }
+
+  mutable SQLite::Statement statement_;
+  int bound_ = 0;
+};
 
 }  // namespace
 
@@ -70,138 +115,18 @@ SqliteConnection::SqliteConnection(const std::filesystem::path& file, SqliteAcce
   });
 }
 
-SqliteConnection::~SqliteConnection() = default;
+SqliteConnection::~SqliteConnection() { forget_statements(); }
 
 void SqliteConnection::execute(const char* sql) {
   translated([&] { database_->exec(sql); });
-}
-
-std::int64_t SqliteConnection::integer(const char* sql) {
-  return translated([&] { return database_->execAndGet(sql).getInt64(); });
-}
-
-std::string SqliteConnection::text(const char* sql) {
-  return translated([&] { return database_->execAndGet(sql).getString(); });
 }
 
 bool SqliteConnection::in_transaction() const {
   return sqlite3_get_autocommit(database_->getHandle()) == 0;
 }
 
-SQLite::Statement& SqliteConnection::prepared(std::string_view sql) {
-  const auto found = statements_.find(sql);
-  if (found != statements_.end()) return *found->second;
-  const std::string text(sql);
-  auto statement =
-      translated([&] { return std::make_unique<SQLite::Statement>(*database_, text); });
-  return *statements_.emplace(text, std::move(statement)).first->second;
-}
-
-Query::Query(SqliteConnection& connection, std::string_view sql)
-    : statement_(connection.prepared(sql)) {}
-
-Query::~Query() {
-  statement_.tryReset();
-  // Bound values were copied; dropping them frees the memory of blobs. Only a null handle can fail.
-  try {
-    statement_.clearBindings();
-  } catch (const SQLite::Exception&) {
-  }
-}
-
-bool Query::next() {
-  return translated([&] { return statement_.executeStep(); });
-}
-
-void Query::run() {
-  translated([&] { statement_.exec(); });
-}
-
-std::int64_t Query::integer(int column) const { return statement_.getColumn(column).getInt64(); }
-
-std::uint64_t Query::unsigned64(int column) const {
-  const std::int64_t value = integer(column);
-  if (value < 0) corrupt_value();
-  return static_cast<std::uint64_t>(value);
-}
-
-std::uint32_t Query::unsigned32(int column) const {
-  const std::uint64_t value = unsigned64(column);
-  if (value > std::numeric_limits<std::uint32_t>::max()) corrupt_value();
-  return static_cast<std::uint32_t>(value);
-}
-
-double Query::real(int column) const { return statement_.getColumn(column).getDouble(); }
-
-std::string Query::text(int column) const { return statement_.getColumn(column).getString(); }
-
-bool Query::is_null(int column) const { return statement_.getColumn(column).isNull(); }
-
-std::span<const std::byte> Query::bytes(int column) const {
-  const SQLite::Column value = statement_.getColumn(column);
-  const void* const data = value.getBlob();
-  return {static_cast<const std::byte*>(data), static_cast<std::size_t>(value.getBytes())};
-}
-
-void Query::bind(std::int64_t value) {
-  translated([&] { statement_.bind(++bound_, value); });
-}
-
-void Query::bind(double value) {
-  translated([&] { statement_.bind(++bound_, value); });
-}
-
-void Query::bind(const std::string& value) {
-  translated([&] { statement_.bind(++bound_, value); });
-}
-
-void Query::bind(const Bytes& value) {
-  // An empty vector may have a null pointer, which would bind NULL instead of zero bytes.
-  const void* const data = value.empty() ? static_cast<const void*>("") : value.data();
-  translated([&] { statement_.bind(++bound_, data, static_cast<int>(value.size())); });
-}
-
-void Query::bind(std::nullopt_t) {
-  translated([&] { statement_.bind(++bound_); });
-}
-
-SqlitePool::Snapshot::Snapshot(SqliteConnection& reader) : connection(reader) {
-  connection.execute("BEGIN");
-}
-
-SqlitePool::Snapshot::~Snapshot() {
-  // ROLLBACK of a transaction that only read cannot fail in a way that matters; an error that the
-  // reader saw has been thrown already.
-  try {
-    if (connection.in_transaction()) connection.execute("ROLLBACK");
-  } catch (const Error&) {
-  }
-}
-
-std::unique_ptr<SqliteConnection> SqlitePool::take() {
-  std::unique_lock lock(mutex_);
-  returned_.wait(lock, [&] { return !free_.empty() || opened_ < max_connections_; });
-  if (!free_.empty()) {
-    std::unique_ptr<SqliteConnection> connection = std::move(free_.back());
-    free_.pop_back();
-    return connection;
-  }
-  ++opened_;
-  lock.unlock();
-  try {
-    return open_();
-  } catch (...) {
-    lock.lock();
-    --opened_;
-    returned_.notify_one();
-    throw;
-  }
-}
-
-void SqlitePool::give_back(std::unique_ptr<SqliteConnection> connection) {
-  const std::lock_guard lock(mutex_);
-  free_.push_back(std::move(connection));
-  returned_.notify_one();
+std::unique_ptr<SqlStatement> SqliteConnection::prepare(const std::string& sql) {
+  return translated([&] { return std::make_unique<SqliteStatement>(*database_, sql); });
 }
 
 }  // namespace cellmap

@@ -12,12 +12,6 @@ constexpr std::int64_t kSqliteApplicationId = 0x43454C4C;
 /// Version of the schema that this build reads and writes, in the header's user_version.
 std::int64_t sqlite_schema_version();
 
-/// Side of the square ground-plane grid by which CELLs are found, m.
-constexpr double kGridSizeM = 64.0;
-
-/// Column of the grid that holds a coordinate; monotonic, bounded for any finite coordinate.
-std::int64_t grid_key(double coordinate_m);
-
 /// Throws Error{kCorruptData} for another program's database and Error{kUnsupported} for a newer
 /// schema. An empty database passes.
 void require_our_schema(SqliteConnection& connection);

@@ -4,7 +4,6 @@ import { type Cell, checkPlanes, HASH, LATTICE, MAX_CELL_BYTES, ORIGIN, readOrig
 import { readCompactPlanes } from "./compactPlanes";
 import { checkContentHash, hashText, hexText } from "./contentHash";
 import { corrupt, unsupported } from "./error";
-import { FIRST_PROBABILITIES } from "./firstProbabilities";
 import { type FileShape, number, table, vector, verifiedBuffer } from "./flatbuffer";
 import { latticeId, type Lattice, type Lattices } from "./lattice";
 import { Layer } from "./layer";
@@ -41,15 +40,12 @@ export interface CodedCell extends Cell {
   coarsePlanes: number;
 }
 
-/** First probabilities of the compact models of layer 0 (coarse) or 1 (fine). */
-function firstProbabilities(layer: number): Uint8Array {
-  const digits = FIRST_PROBABILITIES.length / 2;
-  const bytes = new Uint8Array(digits / 2);
-  for (let i = 0; i < bytes.length; ++i) {
-    bytes[i] = parseInt(FIRST_PROBABILITIES.slice(layer * digits + 2 * i, layer * digits + 2 * i + 2), 16);
-  }
-  return bytes;
-}
+/** Values of `encoding`: packed, then the versions of compact. */
+const PACKED = 1;
+const COMPACT_VERSIONS: ReadonlyMap<number, 1 | 2> = new Map([
+  [2, 1],
+  [3, 2],
+]);
 
 /** What `coarse_hash` is of: the file's beginning, with zeros in place of both hashes. */
 async function checkCoarseHash(file: Uint8Array, wire: WireCodedCell, end: number): Promise<void> {
@@ -62,15 +58,15 @@ async function checkCoarseHash(file: Uint8Array, wire: WireCodedCell, end: numbe
 function readPlanes(wire: WireCodedCell, lattice: Lattice, layers: 1 | 2): { indices: Uint32Array; planes: Float32Array } {
   const [total, coarse] = [wire.planeCount(), wire.coarsePlaneCount()];
   const data = wire.dataArray() ?? new Uint8Array();
-  const known = new KnownPlanes(lattice.count);
+  const version = COMPACT_VERSIONS.get(wire.encoding());
+  const known = new KnownPlanes(lattice, version === 2);
   const present = new Uint8Array(lattice.count);
   const planes = new Float32Array(4 * lattice.count);
-  const compact = wire.encoding() === 2;
   const bytes = [data.subarray(0, wire.coarseBytes()), data.subarray(wire.coarseBytes())];
   bytes.slice(0, layers).forEach((part, i) => {
     const layer = new Layer(lattice, i as 0 | 1, present);
     const count = i === 0 ? coarse : total - coarse;
-    if (compact) readCompactPlanes(part, layer, count, wire.boundUm(), firstProbabilities(i), known, planes);
+    if (version) readCompactPlanes(part, layer, count, wire.boundUm(), version, known, planes);
     else readPackedPlanes(part, layer, count, known, planes);
   });
   const read = layers === 1 ? coarse : total;
@@ -106,9 +102,9 @@ export async function readCoarseCell(beginning: Uint8Array, fileBytes: number, l
 
 async function readLayers(wire: WireCodedCell, file: Uint8Array, hash: string, lattices: Lattices, layers: 1 | 2): Promise<CodedCell> {
   const encoding = wire.encoding();
-  if (encoding !== 1 && encoding !== 2) unsupported(`Encoding ${encoding} of a coded CELL is not known.`);
+  if (encoding !== PACKED && !COMPACT_VERSIONS.has(encoding)) unsupported(`Encoding ${encoding} of a coded CELL is not known.`);
   const bound = wire.boundUm();
-  if (encoding === 1 ? bound !== 0 : bound < 1000 || bound > 1_000_000) corrupt(`The coded CELL states a bound of ${bound} micrometres.`);
+  if (encoding === PACKED ? bound !== 0 : bound < 1000 || bound > 1_000_000) corrupt(`The coded CELL states a bound of ${bound} micrometres.`);
   const l = wire.lattice()!;
   const id = latticeId(l.kind(), l.version(), l.size());
   const lattice = lattices.get(id);

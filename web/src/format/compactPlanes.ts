@@ -1,4 +1,5 @@
 import { corrupt } from "./error";
+import { firstProbabilities } from "./firstProbabilities";
 import type { Layer } from "./layer";
 import { frameOf, type KnownPlanes } from "./planePrediction";
 import { INTEGER_MODELS, Models, RangeDecoder } from "./rangeDecoder";
@@ -18,15 +19,15 @@ function level(x: number, q: number): number {
   return n;
 }
 
-/** Numbers of the models, in the order in which their first probabilities are listed. */
-function takeModels(models: Models): Record<"block" | "member" | "scale" | "range" | "slope1" | "slope2", number> {
+/** Numbers of the models, in the order in which their first probabilities are listed; `kinds`: of steps that have models of their own. */
+function takeModels(models: Models, kinds: number): Record<"block" | "member" | "scale" | "range" | "slope1" | "slope2", number> {
   return {
     block: models.take(4),
     member: models.take(256),
     scale: models.take(32 * SCALE_MODELS),
-    range: models.take(32 * INTEGER_MODELS),
-    slope1: models.take(24 * INTEGER_MODELS),
-    slope2: models.take(24 * INTEGER_MODELS),
+    range: models.take(32 * kinds * INTEGER_MODELS),
+    slope1: models.take(24 * kinds * INTEGER_MODELS),
+    slope2: models.take(24 * kinds * INTEGER_MODELS),
   };
 }
 
@@ -54,24 +55,27 @@ export function readCompactPlanes(
   layer: Layer,
   count: number,
   boundUm: number,
-  first: Uint8Array,
+  version: 1 | 2,
   known: KnownPlanes,
   planes: Float32Array,
 ): void {
+  const first = firstProbabilities(version, layer.number);
   const models = new Models(first.length, first);
-  const at = takeModels(models);
+  const at = takeModels(models, version === 1 ? 1 : 3);
   const decoder = new RangeDecoder(bytes, models);
   const bound = boundUm * 1e-6;
+  const rangeShare = version === 1 ? 0.9 : 0.7;
   for (const index of layer.readIndex(decoder, at.block, at.member, count)) {
     const frame = frameOf(layer.lattice, index);
-    const p = known.predict(layer.neighbours(index), frame);
-    const rho = 2 / Math.sqrt(layer.sphereOf(index).points);
+    const { points } = layer.sphereOf(index);
+    const p = known.predict(layer.neighbours(index), frame, points);
+    const rho = 2 / Math.sqrt(points);
     const i = 1 / p.w;
     const r = 2 ** 28 * i;
     const l1 = p.s1 * i;
     const l2 = p.s2 * i;
     const t = Math.sqrt(1 + l1 * l1 + l2 * l2);
-    const rangeStep = (k: number): number => 0.9 * bound * factor(k) * t;
+    const rangeStep = (k: number): number => rangeShare * bound * factor(k) * t;
     const slopeStep = (k: number, range: number): number => (((1.8 * bound) / rho) * factor(k) * t) / range;
     const n = Math.min(p.agreeing, 5);
     const out = p.out ? 1 : 0;
@@ -84,12 +88,13 @@ export function readCompactPlanes(
       continue;
     }
     const rangeLevel = n < 2 ? Math.min(7, Math.max(0, k + 3)) : level(2 * (p.spread * r * i), rangeStep(k) * n);
-    const a = decoder.integer(at.range + INTEGER_MODELS * (row + rangeLevel), DIGITS);
+    const kind = version === 1 || k === 0 ? 0 : k < 0 ? 1 : 2;
+    const a = decoder.integer(at.range + INTEGER_MODELS * (32 * kind + row + rangeLevel), DIGITS);
     const range = r + a * rangeStep(k);
     const step = slopeStep(k, range);
     const slopeLevel = n < 2 ? out : level(p.slopeSpread * i, Math.abs(step) * n);
     const slope = (group: number, context: number): number =>
-      decoder.integer(group + INTEGER_MODELS * (8 * Math.min(2, Math.abs(context)) + slopeLevel), DIGITS);
+      decoder.integer(group + INTEGER_MODELS * (24 * kind + 8 * Math.min(2, Math.abs(context)) + slopeLevel), DIGITS);
     const b = slope(at.slope1, a);
     const c = slope(at.slope2, b);
     const lean1 = l1 + b * step;

@@ -20,7 +20,7 @@ export class Layer {
 
   constructor(
     readonly lattice: Lattice,
-    private readonly number: 0 | 1,
+    readonly number: 0 | 1,
     /** Which lattice indices have a plane, of both layers so far. */
     private readonly present: Uint8Array,
   ) {

@@ -50,7 +50,7 @@ export function readPackedPlanes(bytes: Uint8Array, layer: Layer, count: number,
     const frame = frameOf(layer.lattice, index);
     const plane = planes.subarray(4 * index, 4 * index + 4);
     if (content) plane.set(planeOfFrame(content, k, indices.length));
-    else readPlane(decoder, plane, known.predict(layer.neighbours(index), frame), frame, at, order);
+    else readPlane(decoder, plane, known.predict(layer.neighbours(index), frame, layer.sphereOf(index).points), frame, at, order);
     known.add(index, vectorOf(plane, frame));
   });
   decoder.end();

@@ -4,12 +4,13 @@ import { expect, test } from "vitest";
 
 import { readCoarseCell, readCodedCell } from "../../src/format/codedCell";
 import { FormatError } from "../../src/format/error";
-import { FIRST_PROBABILITIES } from "../../src/format/firstProbabilities";
+import { firstProbabilities } from "../../src/format/firstProbabilities";
 import { Lattices } from "../../src/format/lattice";
 import { hashOf, type Json, poseOf, twin, vectorBytes } from "./vectors";
 
 const lattices = new Lattices();
-const names = ["room-packed", "room-10mm", "part-of-a-room-20mm", "bands-50mm", "bands-packed", "nothing-packed", "nothing-1mm"];
+const names = ["room-packed", "room-10mm", "part-of-a-room-20mm", "bands-50mm", "bands-packed", "nothing-packed", "nothing-1mm",
+  "room-10mm-2", "part-of-a-room-20mm-2", "bands-50mm-2", "nothing-1mm-2"];
 
 test.each(names.flatMap((name) => [[name, ""], [name, ".canonical"]]))("%s%s.ccod has the content of its twin", async (name, layout) => {
   const json = twin(`${name}.json`);
@@ -44,10 +45,12 @@ const matches = (file: Uint8Array, data: number[], padding: number): boolean =>
 test("first probabilities are those of the document", () => {
   const text = readFileSync(join(process.env.CELLMAP_SOURCE_DIR ?? "..", "schema/FORMAT.md"), "utf8");
   const section = text.slice(text.indexOf("### First probabilities"), text.indexOf("### Packed planes"));
-  expect(FIRST_PROBABILITIES).toBe(section.match(/^ {4}[0-9a-f]+$/gm)!.map((line) => line.trim()).join(""));
+  const digits = section.match(/^ {4}[0-9a-f]+$/gm)!.map((line) => line.trim()).join("");
+  const tables = ([1, 2] as const).flatMap((version) => [0, 1].map((layer) => firstProbabilities(version, layer)));
+  expect(tables.map((table) => Buffer.from(table).toString("hex")).join("")).toBe(digits);
 });
 
-test.each(["room-packed", "room-10mm"])("%s with a bit flipped anywhere is refused as such", async (name) => {
+test.each(["room-packed", "room-10mm", "room-10mm-2"])("%s with a bit flipped anywhere is refused as such", async (name) => {
   const bytes = vectorBytes(`${name}.ccod`);
   for (let i = 0; i < bytes.length; i += 7) {
     const flipped = bytes.slice();

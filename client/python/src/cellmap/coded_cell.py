@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cell import MAX_BYTES, Cell, checked_cell, read_cell, read_lattice, read_origin
-from .compact_planes import COMPACT_MODELS, read_compact_planes
+from .compact_planes import read_compact_planes
 from .errors import corrupt, unsupported
 from .first_probabilities import FIRST_PROBABILITIES
 from .flatbuffer import Buffer, Table
@@ -18,7 +18,7 @@ from .prediction import KnownPlanes, neighbour_offsets, reach
 from .range_decoder import RangeDecoder
 from .wire import check_content_hash, decompressed, field_at
 
-PACKED, COMPACT = 1, 2
+PACKED, COMPACT_VERSIONS = 1, {2: 1, 3: 2}
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def read_coarse_cell(beginning: bytes, file_bytes: int) -> Cell:
 def _read_head(data: bytes) -> _Head:
     root = Buffer(data, b"CCOD", "coded CELL", MAX_BYTES).root()
     encoding, bound = root.number(4, "<B"), root.number(5, "<I")
-    if encoding not in (PACKED, COMPACT):
+    if encoding != PACKED and encoding not in COMPACT_VERSIONS:
         raise unsupported(f"Encoding {encoding} of a coded CELL is not known.")
     if bound != 0 if encoding == PACKED else not 1000 <= bound <= 1_000_000:
         raise corrupt(f"The coded CELL states a bound of {bound} micrometres.")
@@ -99,7 +99,7 @@ def _check_coarse_hash(data: bytes, head: _Head) -> None:
 
 def _decoded(head: _Head, layers: int) -> Cell:
     lattice, root = head.lattice, head.root
-    known = KnownPlanes(lattice)
+    known = KnownPlanes(lattice, fits=COMPACT_VERSIONS.get(head.encoding) == 2)
     have = [bytearray(sphere.size + 2 * reach(sphere)) for sphere in lattice.spheres]
     counts = (head.coarse_planes, head.planes - head.coarse_planes)
     parts = [_read_layer(head, layer, counts[layer], have, known) for layer in range(layers)]
@@ -114,10 +114,13 @@ def _decoded(head: _Head, layers: int) -> Cell:
 def _read_layer(head: _Head, layer: int, count: int, have: list[bytearray],
                 known: KnownPlanes) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     data = head.layers[layer]
-    if head.encoding == COMPACT:
-        decoder = RangeDecoder(data, FIRST_PROBABILITIES[layer * COMPACT_MODELS:(layer + 1) * COMPACT_MODELS])
+    version = COMPACT_VERSIONS.get(head.encoding)
+    if version is not None:
+        table = FIRST_PROBABILITIES[version]
+        models = len(table) // 2
+        decoder = RangeDecoder(data, table[layer * models:(layer + 1) * models])
         patches = list(_read_index(decoder, head.lattice, layer, count, have))
-        planes = read_compact_planes(decoder, head.lattice, patches, head.bound_um, known)
+        planes = read_compact_planes(decoder, head.lattice, patches, head.bound_um, version, known)
     else:
         frame_bytes = RangeDecoder(data, b"").plain(32)
         if frame_bytes > len(data):

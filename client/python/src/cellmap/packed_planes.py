@@ -54,14 +54,14 @@ def read_packed_planes(decoder: RangeDecoder, lattice: Lattice, patches: list[Pa
         if len(planes) != len(patches):
             raise corrupt("The frame of a layer of the coded CELL does not hold its planes.")
         for row, (_, sphere, p) in enumerate(patches):
-            known.add(sphere, p, _known_as(tuple(planes[row].tolist()), axes[row][0]))
+            known.add(sphere, p, _known_as(tuple(planes[row].tolist()), axes[row][0]), axes[row][0])
         return planes.astype(np.float32)
     offsets = [neighbour_offsets(sphere) for sphere in lattice.spheres]
     rows = []
     for row, (_, sphere, p) in enumerate(patches):
-        patch, _, agree, _, _ = known.predict(sphere, p, offsets[sphere][p >> 8][p & 3], fixed[row])
-        plane = _read_plane(decoder, to_cell(patch, fixed[row]), patch[0], min(agree, 2))
-        known.add(sphere, p, _known_as(plane, axes[row][0]))
+        expected = known.predict(sphere, p, offsets[sphere][p >> 8][p & 3], axes[row], fixed[row])
+        plane = _read_plane(decoder, to_cell(expected.mean, fixed[row]), expected.mean[0], min(expected.agree, 2))
+        known.add(sphere, p, _known_as(plane, axes[row][0]), axes[row][0])
         rows.append(plane)
     return np.array(rows, dtype=np.float32).reshape(-1, 4)
 

@@ -2,12 +2,12 @@
 
 #include <mutex>
 
-#include "cellmap/store/sqlite_connection.hpp"
+#include "cellmap/store/sql_connection.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
 
-// What the SQLite engine reads of maps, pose graphs and jobs. Each function expects to run inside
+// What the SQL engines read of maps, pose graphs and jobs. Each function expects to run inside
 // one transaction, so that all its statements see one revision.
 
 /// A row of the table of maps.
@@ -20,7 +20,7 @@ struct MapRow {
 };
 
 /// Error{kNotFound} where there is no such map.
-MapRow read_map_row(SqliteConnection& connection, const std::string& name);
+MapRow read_map_row(SqlConnection& connection, const std::string& name);
 
 /// Bounds, sessions and forms of maps, which take a pass over a map's CELLs to find, but change
 /// only with its revision; so the last answer is kept. Thread safe; not for use inside a write,
@@ -28,7 +28,7 @@ MapRow read_map_row(SqliteConnection& connection, const std::string& name);
 class MapSummaries {
  public:
   /// The row's map with those.
-  MapInfo complete(SqliteConnection& connection, MapRow row);
+  MapInfo complete(SqlConnection& connection, MapRow row);
 
  private:
   struct Summary {
@@ -37,25 +37,24 @@ class MapSummaries {
     std::vector<std::string> sessions;
     std::map<CellForm, std::uint64_t> kept;
   };
-  static Summary read(SqliteConnection& connection, const MapRow& row);
+  static Summary read(SqlConnection& connection, const MapRow& row);
 
   std::mutex mutex_;
   std::map<std::int64_t, Summary> by_key_;
 };
 
 /// By name.
-std::vector<MapInfo> read_maps(SqliteConnection& connection, MapSummaries& summaries);
+std::vector<MapInfo> read_maps(SqlConnection& connection, MapSummaries& summaries);
 
-PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
+PoseGraph read_pose_graph(SqlConnection& connection, const std::string& map,
                           std::optional<Revision> revision);
-MapChanges read_changes(SqliteConnection& connection, const std::string& map, Revision since);
+MapChanges read_changes(SqlConnection& connection, const std::string& map, Revision since);
 
 /// By name.
-std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::string& map);
+std::vector<SessionInfo> read_sessions(SqlConnection& connection, const std::string& map);
 
-JobRecord read_job(SqliteConnection& connection, JobId id);
+JobRecord read_job(SqlConnection& connection, JobId id);
 /// By id.
-std::vector<JobRecord> read_jobs(SqliteConnection& connection,
-                                 const std::optional<std::string>& map);
+std::vector<JobRecord> read_jobs(SqlConnection& connection, const std::optional<std::string>& map);
 
 }  // namespace cellmap

@@ -1,7 +1,7 @@
-#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sql_reads.hpp"
 
 #include "cellmap/store/row_codec.hpp"
-#include "cellmap/store/sqlite_cells.hpp"
+#include "cellmap/store/sql_cells.hpp"
 
 namespace cellmap {
 namespace {
@@ -114,7 +114,7 @@ void require_revision(const MapRow& map, Revision revision) {
   }
 }
 
-std::set<CellId> read_unaligned(SqliteConnection& connection, std::int64_t map, Revision revision) {
+std::set<CellId> read_unaligned(SqlConnection& connection, std::int64_t map, Revision revision) {
   std::set<CellId> unaligned;
   Query rows(connection,
              "SELECT cell.id FROM session JOIN cell ON cell.map = session.map "
@@ -125,7 +125,7 @@ std::set<CellId> read_unaligned(SqliteConnection& connection, std::int64_t map, 
   return unaligned;
 }
 
-void read_current_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& graph) {
+void read_current_graph(SqlConnection& connection, std::int64_t map, PoseGraph& graph) {
   Query poses(connection, "SELECT id, x, y, z, rotation FROM cell WHERE map = ? ORDER BY id", map);
   while (poses.next()) graph.nodes.emplace(CellId{poses.unsigned32(0)}, pose_from_row(poses, 1));
   graph.unaligned = read_unaligned(connection, map, graph.revision);
@@ -134,7 +134,7 @@ void read_current_graph(SqliteConnection& connection, std::int64_t map, PoseGrap
   while (constraints.next()) graph.constraints.push_back(constraint_from_row(constraints));
 }
 
-void read_old_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& graph) {
+void read_old_graph(SqlConnection& connection, std::int64_t map, PoseGraph& graph) {
   Query poses(connection,
               "SELECT pose.cell, pose.x, pose.y, pose.z, pose.rotation FROM "
               "(SELECT cell, MAX(revision) AS revision FROM cell_pose "
@@ -153,13 +153,13 @@ void read_old_graph(SqliteConnection& connection, std::int64_t map, PoseGraph& g
 
 }  // namespace
 
-MapRow read_map_row(SqliteConnection& connection, const std::string& name) {
+MapRow read_map_row(SqlConnection& connection, const std::string& name) {
   Query row(connection, select_map("WHERE name = ?"), name);
   if (!row.next()) throw Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
   return map_from_row(row);
 }
 
-MapSummaries::Summary MapSummaries::read(SqliteConnection& connection, const MapRow& row) {
+MapSummaries::Summary MapSummaries::read(SqlConnection& connection, const MapRow& row) {
   Summary summary;
   summary.revision = row.info.revision;
   Query bounds(connection,
@@ -181,7 +181,7 @@ MapSummaries::Summary MapSummaries::read(SqliteConnection& connection, const Map
   return summary;
 }
 
-MapInfo MapSummaries::complete(SqliteConnection& connection, MapRow row) {
+MapInfo MapSummaries::complete(SqlConnection& connection, MapRow row) {
   const auto fill = [&](const Summary& summary) {
     row.info.bounds = summary.bounds;
     row.info.sessions = summary.sessions;
@@ -204,7 +204,7 @@ MapInfo MapSummaries::complete(SqliteConnection& connection, MapRow row) {
   return row.info;
 }
 
-std::vector<MapInfo> read_maps(SqliteConnection& connection, MapSummaries& summaries) {
+std::vector<MapInfo> read_maps(SqlConnection& connection, MapSummaries& summaries) {
   std::vector<MapRow> found;
   Query rows(connection, select_map("ORDER BY name"));
   while (rows.next()) found.push_back(map_from_row(rows));
@@ -213,7 +213,7 @@ std::vector<MapInfo> read_maps(SqliteConnection& connection, MapSummaries& summa
   return maps;
 }
 
-PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
+PoseGraph read_pose_graph(SqlConnection& connection, const std::string& map,
                           std::optional<Revision> revision) {
   const MapRow row = read_map_row(connection, map);
   PoseGraph graph;
@@ -228,7 +228,7 @@ PoseGraph read_pose_graph(SqliteConnection& connection, const std::string& map,
   return graph;
 }
 
-MapChanges read_changes(SqliteConnection& connection, const std::string& map, Revision since) {
+MapChanges read_changes(SqlConnection& connection, const std::string& map, Revision since) {
   const MapRow row = read_map_row(connection, map);
   if (since > 0) require_revision(row, since);
   MapChanges changes;
@@ -262,11 +262,12 @@ MapChanges read_changes(SqliteConnection& connection, const std::string& map, Re
   return changes;
 }
 
-std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::string& map) {
+std::vector<SessionInfo> read_sessions(SqlConnection& connection, const std::string& map) {
   std::vector<SessionInfo> sessions;
   Query rows(connection,
              "SELECT session.name, robot, sensor, odometry_frame, started, aligned, "
-             "COUNT(cell.id), COALESCE(SUM(planes), 0), COALESCE(SUM(encoded_bytes), 0) "
+             "COUNT(cell.id), CAST(COALESCE(SUM(planes), 0) AS BIGINT), "
+             "CAST(COALESCE(SUM(encoded_bytes), 0) AS BIGINT) "
              "FROM session "
              "LEFT JOIN cell ON cell.map = session.map AND cell.session = session.name "
              "WHERE session.map = ? GROUP BY session.name, robot, sensor, odometry_frame, started, "
@@ -281,7 +282,7 @@ std::vector<SessionInfo> read_sessions(SqliteConnection& connection, const std::
   return sessions;
 }
 
-JobRecord read_job(SqliteConnection& connection, JobId id) {
+JobRecord read_job(SqlConnection& connection, JobId id) {
   Query row(connection, select_job("WHERE id = ?"), id.value);
   if (!row.next()) {
     throw Error(ErrorCode::kNotFound, "there is no job " + std::to_string(id.value));
@@ -289,8 +290,7 @@ JobRecord read_job(SqliteConnection& connection, JobId id) {
   return job_from_row(row);
 }
 
-std::vector<JobRecord> read_jobs(SqliteConnection& connection,
-                                 const std::optional<std::string>& map) {
+std::vector<JobRecord> read_jobs(SqlConnection& connection, const std::optional<std::string>& map) {
   std::vector<JobRecord> jobs;
   Query rows = map ? Query(connection, select_job("WHERE map = ? ORDER BY id"), *map)
                    : Query(connection, select_job("ORDER BY id"));

@@ -1,12 +1,12 @@
-#include "cellmap/store/sqlite_update.hpp"
+#include "cellmap/store/sql_update.hpp"
 
 #include <algorithm>
 #include <limits>
 
 #include "cellmap/store/row_codec.hpp"
-#include "cellmap/store/sqlite_cells.hpp"
-#include "cellmap/store/sqlite_reads.hpp"
-#include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_reads.hpp"
+#include "cellmap/store/sql_schema.hpp"
 
 namespace cellmap {
 namespace {
@@ -34,7 +34,7 @@ struct Kept {
 /// One update on its way into the tables.
 class Update {
  public:
-  Update(SqliteConnection& connection, const std::string& map)
+  Update(SqlConnection& connection, const std::string& map)
       : connection_(connection),
         map_(read_map_row(connection, map)),
         revision_(map_.info.revision + 1) {}
@@ -63,7 +63,7 @@ class Update {
   void require_constraint(ConstraintId id) const;
   void subtract_from_sums(const std::string& session);
 
-  SqliteConnection& connection_;
+  SqlConnection& connection_;
   MapRow map_;
   const Revision revision_;
   bool changed_ = false;
@@ -339,13 +339,16 @@ void Update::remove_session(const std::string& name) {
 void Update::subtract_from_sums(const std::string& session) {
   MapInfo& info = map_.info;
   {
-    Query row(connection_,
-              "SELECT COUNT(*), COALESCE(SUM(planes), 0), COALESCE(SUM(cell.encoded_bytes), 0), "
-              "COALESCE(SUM(LENGTH(frame)), 0), COALESCE(SUM(scans), 0), "
-              "COALESCE(SUM(raw_points), 0), COALESCE(SUM(voxel_points), 0), "
-              "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
-              "WHERE map = ? AND session = ?",
-              map_.key, session);
+    Query row(
+        connection_,
+        "SELECT COUNT(*), CAST(COALESCE(SUM(planes), 0) AS BIGINT), "
+        "CAST(COALESCE(SUM(cell.encoded_bytes), 0) AS BIGINT), "
+        "CAST(COALESCE(SUM(LENGTH(frame)), 0) AS BIGINT), CAST(COALESCE(SUM(scans), 0) AS BIGINT), "
+        "CAST(COALESCE(SUM(raw_points), 0) AS BIGINT), CAST(COALESCE(SUM(voxel_points), 0) AS "
+        "BIGINT), "
+        "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
+        "WHERE map = ? AND session = ?",
+        map_.key, session);
     row.next();
     std::uint64_t* const sums[] = {&info.cells,        &info.planes, &info.encoded_bytes,
                                    &info.stored_bytes, &info.scans,  &info.raw_points,
@@ -379,7 +382,7 @@ Revision Update::finish() {
 
 }  // namespace
 
-CommitResult apply_update(SqliteConnection& connection, const std::string& map,
+CommitResult apply_update(SqlConnection& connection, const std::string& map,
                           const MapUpdate& update, const UpdateFrames& frames) {
   Update writer(connection, map);
   if (update.expected_revision && *update.expected_revision != writer.info().revision) {

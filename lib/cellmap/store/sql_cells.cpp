@@ -1,11 +1,11 @@
-#include "cellmap/store/sqlite_cells.hpp"
+#include "cellmap/store/sql_cells.hpp"
 
 #include <algorithm>
 #include <cmath>
 
 #include "cellmap/store/page_cursor.hpp"
 #include "cellmap/store/row_codec.hpp"
-#include "cellmap/store/sqlite_schema.hpp"
+#include "cellmap/store/sql_schema.hpp"
 
 namespace cellmap {
 namespace {
@@ -13,7 +13,8 @@ namespace {
 std::string select_cell(const char* condition) {
   return std::string(
              "SELECT id, COALESCE(identity, hash), session, sequence, planes, encoded_bytes, "
-             "MAX(added, replaced), moved, x, y, z, rotation FROM cell ") +
+             "CASE WHEN added > replaced THEN added ELSE replaced END, moved, x, y, z, rotation "
+             "FROM cell ") +
          condition;
 }
 
@@ -37,7 +38,7 @@ struct GridExtent {
   std::int64_t min_x, max_x;
 };
 
-std::optional<GridExtent> grid_extent(SqliteConnection& connection, std::int64_t map) {
+std::optional<GridExtent> grid_extent(SqlConnection& connection, std::int64_t map) {
   // Two statements, since SQLite only answers a lone MIN or MAX from the end of the index.
   Query least(connection, "SELECT MIN(gx) FROM cell WHERE map = ?", map);
   if (!least.next() || least.is_null(0)) return std::nullopt;
@@ -52,7 +53,7 @@ struct PlacedCell {
   Eigen::Vector3d position;
 };
 
-std::vector<PlacedCell> cells_in_box(SqliteConnection& connection, std::int64_t map,
+std::vector<PlacedCell> cells_in_box(SqlConnection& connection, std::int64_t map,
                                      const Eigen::AlignedBox3d& box) {
   std::vector<PlacedCell> cells;
   const auto extent = grid_extent(connection, map);
@@ -80,7 +81,7 @@ Eigen::AlignedBox3d box_around(const Eigen::Vector3d& position, double radius_m)
 }
 
 /// Sort keys of the CELLs within a radius, nearest first, lower id first on a tie.
-std::vector<PageCursor> keys_within(SqliteConnection& connection, std::int64_t map,
+std::vector<PageCursor> keys_within(SqlConnection& connection, std::int64_t map,
                                     const Eigen::Vector3d& position, double radius_m,
                                     const std::optional<Eigen::AlignedBox3d>& box) {
   std::vector<PageCursor> keys;
@@ -95,7 +96,7 @@ std::vector<PageCursor> keys_within(SqliteConnection& connection, std::int64_t m
   return keys;
 }
 
-std::vector<PageCursor> keys_of(SqliteConnection& connection, std::int64_t map,
+std::vector<PageCursor> keys_of(SqlConnection& connection, std::int64_t map,
                                 const CellQuery& query) {
   if (query.near) return keys_within(connection, map, *query.near, query.radius_m, query.box);
   std::vector<PageCursor> keys;
@@ -106,14 +107,14 @@ std::vector<PageCursor> keys_of(SqliteConnection& connection, std::int64_t map,
   return keys;
 }
 
-std::set<std::string> unaligned_sessions(SqliteConnection& connection, std::int64_t map) {
+std::set<std::string> unaligned_sessions(SqlConnection& connection, std::int64_t map) {
   std::set<std::string> names;
   Query rows(connection, "SELECT name FROM session WHERE map = ? AND aligned IS NULL", map);
   while (rows.next()) names.insert(rows.text(0));
   return names;
 }
 
-CellRecord existing_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
+CellRecord existing_cell(SqlConnection& connection, std::int64_t map, CellId id) {
   std::optional<CellRecord> cell = find_cell(connection, map, id);
   if (!cell) {
     throw Error(ErrorCode::kCorruptData,
@@ -123,7 +124,7 @@ CellRecord existing_cell(SqliteConnection& connection, std::int64_t map, CellId 
 }
 
 /// Up to limit + 1 CELLs behind the cursor: one more than the page tells that another follows.
-std::vector<CellRecord> cells_by_place(SqliteConnection& connection, std::int64_t map,
+std::vector<CellRecord> cells_by_place(SqlConnection& connection, std::int64_t map,
                                        const CellQuery& query,
                                        const std::optional<PageCursor>& after) {
   const std::vector<PageCursor> keys = keys_of(connection, map, query);
@@ -140,7 +141,7 @@ std::vector<CellRecord> cells_by_place(SqliteConnection& connection, std::int64_
   return cells;
 }
 
-std::vector<CellRecord> cells_by_id(SqliteConnection& connection, std::int64_t map,
+std::vector<CellRecord> cells_by_id(SqlConnection& connection, std::int64_t map,
                                     const CellQuery& query,
                                     const std::optional<PageCursor>& after) {
   const std::int64_t last = after ? static_cast<std::int64_t>(after->id.value) : -1;
@@ -191,13 +192,13 @@ CellForm form_from_row(const Query& row, int first) {
   }
 }
 
-std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id) {
+std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map, CellId id) {
   Query row(connection, select_cell("WHERE map = ? AND id = ?"), map, id.value);
   if (!row.next()) return std::nullopt;
   return cell_from_row(row);
 }
 
-std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map,
+std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map,
                                     const std::string& session, std::uint32_t sequence) {
   Query row(connection, select_cell("WHERE map = ? AND session = ? AND sequence = ?"), map, session,
             sequence);
@@ -205,7 +206,7 @@ std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t m
   return cell_from_row(row);
 }
 
-std::optional<CellRecord> find_last_cell(SqliteConnection& connection, std::int64_t map,
+std::optional<CellRecord> find_last_cell(SqlConnection& connection, std::int64_t map,
                                          const std::string& session) {
   Query row(connection, select_cell("WHERE map = ? AND session = ? ORDER BY sequence DESC LIMIT 1"),
             map, session);
@@ -213,7 +214,7 @@ std::optional<CellRecord> find_last_cell(SqliteConnection& connection, std::int6
   return cell_from_row(row);
 }
 
-std::vector<CellRecord> cells_changed_since(SqliteConnection& connection, std::int64_t map,
+std::vector<CellRecord> cells_changed_since(SqlConnection& connection, std::int64_t map,
                                             Revision since) {
   Query rows(connection, select_cell("WHERE map = ? AND moved > ? ORDER BY id"), map, since);
   std::vector<CellRecord> cells;
@@ -221,7 +222,7 @@ std::vector<CellRecord> cells_changed_since(SqliteConnection& connection, std::i
   return cells;
 }
 
-CellPage read_cells(SqliteConnection& connection, const MapRow& map, const CellQuery& query) {
+CellPage read_cells(SqlConnection& connection, const MapRow& map, const CellQuery& query) {
   const std::optional<PageCursor> after = page_cursor(map.info.name, query);
   CellPage page;
   page.revision = map.info.revision;
@@ -235,7 +236,7 @@ CellPage read_cells(SqliteConnection& connection, const MapRow& map, const CellQ
   return page;
 }
 
-std::vector<CellRecord> read_nearest(SqliteConnection& connection, const MapRow& map,
+std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& map,
                                      const Eigen::Vector3d& position, std::size_t count) {
   count = std::min<std::size_t>(count, map.info.cells);
   std::vector<PageCursor> keys;
@@ -250,7 +251,7 @@ std::vector<CellRecord> read_nearest(SqliteConnection& connection, const MapRow&
   return cells;
 }
 
-std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const ContentHash& hash) {
+std::shared_ptr<const Bytes> read_blob(SqlConnection& connection, const ContentHash& hash) {
   const auto raw = std::as_bytes(std::span(hash.bytes));
   Query row(connection, "SELECT frame, checksum FROM blob WHERE hash = ?",
             Bytes(raw.begin(), raw.end()));
@@ -266,7 +267,7 @@ std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const Conte
   return std::make_shared<const Bytes>(frame.begin(), frame.end());
 }
 
-std::optional<KeptRow> find_kept(SqliteConnection& connection, std::int64_t map, CellId id) {
+std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id) {
   Query row(connection,
             "SELECT hash, COALESCE(identity, hash), encoding, bound_um FROM cell "
             "WHERE map = ? AND id = ?",
@@ -275,7 +276,7 @@ std::optional<KeptRow> find_kept(SqliteConnection& connection, std::int64_t map,
   return KeptRow{hash_from(row.bytes(0)), hash_from(row.bytes(1)), form_from_row(row, 2)};
 }
 
-std::vector<CellKeeping> read_keeping(SqliteConnection& connection, std::int64_t map,
+std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,
                                       const std::optional<std::string>& session) {
   Query rows(connection,
              "SELECT id, COALESCE(identity, hash), COALESCE(source, identity, hash), encoding, "
@@ -289,7 +290,7 @@ std::vector<CellKeeping> read_keeping(SqliteConnection& connection, std::int64_t
   return keeping;
 }
 
-std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
+std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                                   const std::string& session) {
   Query rows(connection,
              "SELECT cell.id, cell_scans.T_odom_cell, cell_scans.scans, raw_points, voxel_points "
@@ -305,7 +306,7 @@ std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map
   return stretches;
 }
 
-std::vector<Bytes> kept_contents(SqliteConnection& connection, std::int64_t map,
+std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
                                  const std::optional<std::string>& session) {
   std::vector<Bytes> contents;
   Query rows(connection,
@@ -315,7 +316,7 @@ std::vector<Bytes> kept_contents(SqliteConnection& connection, std::int64_t map,
   return contents;
 }
 
-void delete_unused_blobs(SqliteConnection& connection, const std::vector<Bytes>& contents) {
+void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents) {
   for (const Bytes& content : contents) {
     Query(connection,
           "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",

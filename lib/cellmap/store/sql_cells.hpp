@@ -1,13 +1,13 @@
 #pragma once
 
 #include "cellmap/store/blob_cache.hpp"
-#include "cellmap/store/sqlite_connection.hpp"
-#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sql_connection.hpp"
+#include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
 
-// What the SQLite engine reads of CELLs. Each function expects to run inside one transaction, so
+// What the SQL engines read of CELLs. Each function expects to run inside one transaction, so
 // that all its statements see one revision. `map` is the key of a MapRow.
 
 /// Columns x, y, z, rotation from `first` on.
@@ -23,33 +23,33 @@ struct KeptRow {
   ContentHash hash;     ///< of the CELL
   CellForm form;
 };
-std::optional<KeptRow> find_kept(SqliteConnection& connection, std::int64_t map, CellId id);
+std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id);
 /// Of a map, or one session of it.
-std::vector<CellKeeping> read_keeping(SqliteConnection& connection, std::int64_t map,
+std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,
                                       const std::optional<std::string>& session);
 
-std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map, CellId id);
-std::optional<CellRecord> find_cell(SqliteConnection& connection, std::int64_t map,
+std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map, CellId id);
+std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map,
                                     const std::string& session, std::uint32_t sequence);
 /// CELLs that were added or moved after a revision, in order of id.
-std::vector<CellRecord> cells_changed_since(SqliteConnection& connection, std::int64_t map,
+std::vector<CellRecord> cells_changed_since(SqlConnection& connection, std::int64_t map,
                                             Revision since);
-std::optional<CellRecord> find_last_cell(SqliteConnection& connection, std::int64_t map,
+std::optional<CellRecord> find_last_cell(SqlConnection& connection, std::int64_t map,
                                          const std::string& session);
 
-CellPage read_cells(SqliteConnection& connection, const MapRow& map, const CellQuery& query);
-std::vector<CellRecord> read_nearest(SqliteConnection& connection, const MapRow& map,
+CellPage read_cells(SqlConnection& connection, const MapRow& map, const CellQuery& query);
+std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& map,
                                      const Eigen::Vector3d& position, std::size_t count);
 
 /// The zstd frame of a blob. Error{kCorruptData} where it is missing or its checksum is wrong.
-std::shared_ptr<const Bytes> read_blob(SqliteConnection& connection, const ContentHash& hash);
-std::vector<CellScans> read_scans(SqliteConnection& connection, std::int64_t map,
+std::shared_ptr<const Bytes> read_blob(SqlConnection& connection, const ContentHash& hash);
+std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                                   const std::string& session);
 
 /// Hashes of the blobs of a map's CELLs, or of one session's.
-std::vector<Bytes> kept_contents(SqliteConnection& connection, std::int64_t map,
+std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
                                  const std::optional<std::string>& session);
 /// Deletes those of the blobs that no CELL has.
-void delete_unused_blobs(SqliteConnection& connection, const std::vector<Bytes>& contents);
+void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents);
 
 }  // namespace cellmap

@@ -1,13 +1,14 @@
-#include "cellmap/store/sqlite_staging.hpp"
+#include "cellmap/store/sql_staging.hpp"
 
+#include <limits>
 #include <vector>
 
-#include "cellmap/store/sqlite_reads.hpp"
-#include "cellmap/store/sqlite_writes.hpp"
+#include "cellmap/store/sql_reads.hpp"
+#include "cellmap/store/sql_writes.hpp"
 
 namespace cellmap {
 
-std::string insert_staged_map(SqliteConnection& connection, const LatticeSpec& lattice,
+std::string insert_staged_map(SqlConnection& connection, const LatticeSpec& lattice,
                               Stamp created) {
   // Above every key that is in use, so above the number of every staged map.
   const std::int64_t number = connection.integer("SELECT COALESCE(MAX(id), 0) + 1 FROM map");
@@ -16,7 +17,7 @@ std::string insert_staged_map(SqliteConnection& connection, const LatticeSpec& l
   return name;
 }
 
-void rename_staged_map(SqliteConnection& connection, const std::string& staged,
+void rename_staged_map(SqlConnection& connection, const std::string& staged,
                        const std::string& name) {
   {
     Query row(connection, "SELECT 1 FROM map WHERE name = ?", name);
@@ -29,10 +30,11 @@ void rename_staged_map(SqliteConnection& connection, const std::string& staged,
       .run();
 }
 
-void remove_staged_maps(SqliteConnection& connection) {
+void remove_staged_maps(SqlConnection& connection, std::optional<Stamp> created_before) {
   std::vector<std::string> names;
   {
-    Query rows(connection, "SELECT name FROM map WHERE name LIKE '.%'");
+    Query rows(connection, "SELECT name FROM map WHERE name LIKE '.%' AND created < ?",
+               created_before.value_or(std::numeric_limits<Stamp>::max()));
     while (rows.next()) names.push_back(rows.text(0));
   }
   for (const std::string& name : names) remove_map(connection, name);

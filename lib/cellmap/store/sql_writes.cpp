@@ -1,13 +1,13 @@
-#include "cellmap/store/sqlite_writes.hpp"
+#include "cellmap/store/sql_writes.hpp"
 
 #include <tuple>
 
 #include "cellmap/store/row_codec.hpp"
-#include "cellmap/store/sqlite_cells.hpp"
-#include "cellmap/store/sqlite_reads.hpp"
+#include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_reads.hpp"
 
 namespace cellmap {
-void insert_map(SqliteConnection& connection, const std::string& name, const LatticeSpec& lattice,
+void insert_map(SqlConnection& connection, const std::string& name, const LatticeSpec& lattice,
                 const CellForm& form, Stamp created) {
   {
     Query row(connection, "SELECT 1 FROM map WHERE name = ?", name);
@@ -23,7 +23,7 @@ void insert_map(SqliteConnection& connection, const std::string& name, const Lat
       .run();
 }
 
-void remove_map(SqliteConnection& connection, const std::string& name) {
+void remove_map(SqlConnection& connection, const std::string& name) {
   const std::int64_t map = read_map_row(connection, name).key;
   for (const char* const statement :
        {"DELETE FROM pose_constraint WHERE map = ?", "DELETE FROM cell_scans WHERE map = ?",
@@ -37,13 +37,13 @@ void remove_map(SqliteConnection& connection, const std::string& name) {
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
 }
 
-void write_form(SqliteConnection& connection, const std::string& map, const CellForm& form) {
+void write_form(SqlConnection& connection, const std::string& map, const CellForm& form) {
   Query(connection, "UPDATE map SET encoding = ?, bound_um = ? WHERE id = ?",
         static_cast<std::uint32_t>(form.encoding), form.bound_um, read_map_row(connection, map).key)
       .run();
 }
 
-void write_document(SqliteConnection& connection, const std::string& map, const std::string& name,
+void write_document(SqlConnection& connection, const std::string& map, const std::string& name,
                     const std::string& text) {
   Query(connection,
         "INSERT INTO document (map, name, content) VALUES (?, ?, ?) "
@@ -52,7 +52,7 @@ void write_document(SqliteConnection& connection, const std::string& map, const 
       .run();
 }
 
-void write_georeference(SqliteConnection& connection, const std::string& map,
+void write_georeference(SqlConnection& connection, const std::string& map,
                         const std::optional<Georeference>& georeference) {
   std::optional<double> latitude, longitude, height;
   std::optional<Bytes> rotation;
@@ -71,8 +71,7 @@ void write_georeference(SqliteConnection& connection, const std::string& map,
       .run();
 }
 
-void insert_session(SqliteConnection& connection, const std::string& map,
-                    const SessionInfo& session) {
+void insert_session(SqlConnection& connection, const std::string& map, const SessionInfo& session) {
   const std::int64_t key = read_map_row(connection, map).key;
   {
     Query row(
@@ -101,7 +100,7 @@ void insert_session(SqliteConnection& connection, const std::string& map,
       .run();
 }
 
-JobId insert_job(SqliteConnection& connection, const JobRecord& job) {
+JobId insert_job(SqlConnection& connection, const JobRecord& job) {
   Query row(connection,
             "INSERT INTO job (map, kind, request, state, scans_done, scans_total, cells_done, "
             "error_code, error_message, created, started, updated) "
@@ -113,7 +112,7 @@ JobId insert_job(SqliteConnection& connection, const JobRecord& job) {
   return {row.unsigned32(0)};
 }
 
-void replace_job(SqliteConnection& connection, const JobRecord& job) {
+void replace_job(SqlConnection& connection, const JobRecord& job) {
   const JobRecord before = read_job(connection, job.id);
   if (before.map != job.map || before.kind != job.kind) {
     throw Error(ErrorCode::kConflict,

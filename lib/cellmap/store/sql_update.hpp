@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "cellmap/store/sqlite_connection.hpp"
+#include "cellmap/store/sql_connection.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
@@ -14,7 +14,7 @@ struct UpdateFrames {
 };
 /// Carries out an update as one new revision. Expects to run inside one transaction that the caller
 /// commits, or rolls back where this throws. The update has been validated.
-CommitResult apply_update(SqliteConnection& connection, const std::string& map,
+CommitResult apply_update(SqlConnection& connection, const std::string& map,
                           const MapUpdate& update, const UpdateFrames& frames);
 
 }  // namespace cellmap

@@ -1,0 +1,64 @@
+#include "cellmap/store/postgres_store.hpp"
+
+#include <chrono>
+#include <condition_variable>
+#include <stop_token>
+#include <thread>
+
+#include "cellmap/core/error.hpp"
+#include "cellmap/store/postgres_connection.hpp"
+#include "cellmap/store/postgres_schema.hpp"
+#include "cellmap/store/sql_store.hpp"
+
+namespace cellmap {
+namespace {
+
+/// A restore of the largest map takes less.
+constexpr std::chrono::hours kStagingLimit(24);
+constexpr std::chrono::milliseconds kLookForCommits(500);
+
+class PostgresStore final : public SqlStore {
+ public:
+  explicit PostgresStore(SqlEngine engine)
+      : SqlStore(std::move(engine)), look_for_commits_([this](const std::stop_token& stop) {
+          std::mutex mutex;
+          std::condition_variable_any stopped;
+          std::unique_lock lock(mutex);
+          while (!stopped.wait_for(lock, stop, kLookForCommits,
+                                   [&] { return stop.stop_requested(); })) {
+            committed().notify();
+          }
+        }) {}
+
+ private:
+  std::jthread look_for_commits_;  ///< those of other processes
+};
+
+}  // namespace
+
+void PostgresStoreOptions::validate() const {
+  if (max_readers < 1) {
+    throw Error(ErrorCode::kInvalidArgument, "store options: expected at least one reader");
+  }
+}
+
+bool is_postgres_address(const std::string& place) {
+  return place.starts_with("postgresql://") || place.starts_with("postgres://");
+}
+
+std::unique_ptr<Store> open_postgres_store(const std::string& address,
+                                           const PostgresStoreOptions& options) {
+  options.validate();
+  auto writer = std::make_unique<PostgresConnection>(address);
+  migrate_postgres_schema(*writer);
+  return std::make_unique<PostgresStore>(
+      SqlEngine{.name = "in PostgreSQL",
+                .held = nullptr,
+                .open_reader = [address] { return std::make_unique<PostgresConnection>(address); },
+                .max_readers = options.max_readers,
+                .writer = std::move(writer),
+                .cache_bytes = options.cache_bytes,
+                .staging_limit = kStagingLimit});
+}
+
+}  // namespace cellmap

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "cellmap/store/store.hpp"
+
+namespace cellmap {
+
+struct PostgresStoreOptions {
+  std::size_t cache_bytes = 64u << 20;  ///< LRU of hot CELL blobs, zstd frames
+  std::size_t max_readers = 16;         ///< connections; a further reader waits for a free one
+
+  /// Throws Error{kInvalidArgument}: no readers.
+  void validate() const;
+};
+
+/// Whether a place is the address of a PostgreSQL database ("postgresql://..." or
+/// "postgres://...").
+bool is_postgres_address(const std::string& place);
+
+/// Opens the store in a PostgreSQL database, which must be there (`createdb`), and makes or
+/// migrates its tables (schema: store/sql_schema.cpp), in the first schema of the connection's
+/// search_path. Tested on PostgreSQL 15.
+///
+/// Any number of processes on any number of machines may open it for reading and writing; a client
+/// that saw a revision through one never sees less through another. `Store::committed` is notified
+/// twice a second too, since other processes commit as well.
+///
+/// `address`: as libpq reads it, several hosts included
+/// ("postgresql://a,b/maps?target_session_attrs=read-write" finds the primary after a failover).
+///
+/// Throws Error{kInvalidArgument} for an address that libpq does not understand, {kUnavailable}
+/// where nobody answers or lets us in, {kUnsupported} for a newer schema or a program that was
+/// built without libpq.
+std::unique_ptr<Store> open_postgres_store(const std::string& address,
+                                           const PostgresStoreOptions& options = {});
+
+}  // namespace cellmap

@@ -1,0 +1,130 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/core/error.hpp"
+
+namespace cellmap {
+
+enum class SqlType { kInteger, kReal, kText, kBytes };
+
+/// A prepared statement of an engine; used through `Query`.
+class SqlStatement {
+ public:
+  virtual ~SqlStatement() = default;
+
+  /// The next parameter, in order.
+  virtual void bind(std::int64_t value) = 0;
+  virtual void bind(double value) = 0;
+  virtual void bind(const std::string& value) = 0;
+  virtual void bind(const Bytes& value) = 0;
+  virtual void bind_null(SqlType type) = 0;
+
+  /// Executes at the first call; moves to the next row; false after the last.
+  virtual bool step() = 0;
+  /// Forgets parameters and rows.
+  virtual void release() noexcept = 0;
+
+  // Of the current row.
+  virtual std::int64_t integer(int column) const = 0;
+  virtual double real(int column) const = 0;
+  virtual std::string text(int column) const = 0;
+  virtual bool is_null(int column) const = 0;
+  virtual std::span<const std::byte> bytes(int column) const = 0;
+};
+
+/// A connection to a database with its prepared statements. One thread at a time.
+///
+/// What the engines have in common: parameters are `?`; integers have 64 bits, reals are doubles,
+/// texts UTF-8 that sort by their bytes. The SQL of this room keeps to what SQLite and PostgreSQL
+/// both understand.
+///
+/// Every member throws cellmap::Error: damaged bytes kCorruptData, a full or failing disk kIo, a
+/// busy or unreachable database kUnavailable.
+class SqlConnection {
+ public:
+  virtual ~SqlConnection() = default;
+
+  /// Runs statements without parameters or results.
+  virtual void execute(const char* sql) = 0;
+  /// Begins a transaction all of whose reads see one state.
+  virtual void begin_read() = 0;
+  /// Begins a transaction that excludes all others that write, in this process and elsewhere.
+  virtual void begin_write() = 0;
+  /// False once a transaction was committed or rolled back, also by the engine after an error.
+  virtual bool in_transaction() const = 0;
+
+  /// First column of the first row of a statement.
+  std::int64_t integer(const char* sql);
+  std::string text(const char* sql);
+
+ protected:
+  virtual std::unique_ptr<SqlStatement> prepare(const std::string& sql) = 0;
+  /// For destructors: statements go before what they belong to.
+  void forget_statements() { statements_.clear(); }
+
+ private:
+  friend class Query;
+  SqlStatement& prepared(std::string_view sql);
+
+  std::map<std::string, std::unique_ptr<SqlStatement>, std::less<>> statements_;
+};
+
+/// One execution of a prepared statement: bind in order, then step through the rows. The statement
+/// is released when this object dies, so no snapshot outlives its reader. The same SQL must not be
+/// executed again while a Query of it lives. Values are always bound, never written into the SQL.
+class Query {
+ public:
+  template <typename... Values>
+  Query(SqlConnection& connection, std::string_view sql, const Values&... values)
+      : Query(connection, sql) {
+    (bind(values), ...);
+  }
+  Query(SqlConnection& connection, std::string_view sql);
+  ~Query();
+  Query(const Query&) = delete;
+  Query& operator=(const Query&) = delete;
+
+  /// Moves to the next row; false after the last.
+  bool next();
+  /// Runs to the end a statement that gives no rows.
+  void run();
+
+  std::int64_t integer(int column) const;
+  /// Error{kCorruptData} where the value does not fit.
+  std::uint32_t unsigned32(int column) const;
+  std::uint64_t unsigned64(int column) const;
+  double real(int column) const;
+  std::string text(int column) const;
+  bool is_null(int column) const;
+  /// Valid until the next row.
+  std::span<const std::byte> bytes(int column) const;
+
+ private:
+  void bind(std::int64_t value) { statement_.bind(value); }
+  void bind(std::uint32_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
+  void bind(std::uint64_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
+  void bind(double value) { statement_.bind(value); }
+  void bind(const std::string& value) { statement_.bind(value); }
+  void bind(const Bytes& value) { statement_.bind(value); }
+  template <typename Value>
+  void bind(const std::optional<Value>& value) {
+    value ? bind(*value) : statement_.bind_null(type_of(static_cast<const Value*>(nullptr)));
+  }
+  // Engines that check types ask for that of NULL too.
+  static SqlType type_of(const std::uint64_t*) { return SqlType::kInteger; }
+  static SqlType type_of(const double*) { return SqlType::kReal; }
+  static SqlType type_of(const std::string*) { return SqlType::kText; }
+  static SqlType type_of(const Bytes*) { return SqlType::kBytes; }
+
+  SqlStatement& statement_;
+};
+
+}  // namespace cellmap

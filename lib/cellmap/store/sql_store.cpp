@@ -1,0 +1,301 @@
+#include "cellmap/store/sql_store.hpp"
+
+#include <chrono>
+
+#include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_staging.hpp"
+#include "cellmap/store/sql_update.hpp"
+#include "cellmap/store/sql_writes.hpp"
+#include "cellmap/store/validation.hpp"
+
+namespace cellmap {
+namespace {
+
+constexpr std::chrono::milliseconds kGroupCommitWait(5);
+constexpr std::size_t kGroupCommitBatch = 256;
+
+Stamp now() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
+Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
+  return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
+}
+
+/// Compressed before the write, so that writers do it at the same time.
+UpdateFrames frames_of(const MapUpdate& update) {
+  UpdateFrames frames;
+  for (const NewCell& cell : update.cells) {
+    frames.cells.push_back(frame_of(cell.encoded, cell.coded));
+  }
+  for (const auto& [id, cell] : update.recoded) {
+    frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
+  }
+  return frames;
+}
+
+Error no_cell(const std::string& map, CellId id) {
+  return Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+}
+
+}  // namespace
+
+SqlStore::SqlStore(SqlEngine engine)
+    : name_(std::move(engine.name)),
+      held_(std::move(engine.held)),
+      writer_(std::move(engine.writer)),
+      readers_(std::move(engine.open_reader), engine.max_readers),
+      cache_(engine.cache_bytes),
+      commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {
+  if (!writer_) return;
+  std::optional<Stamp> created_before;
+  if (engine.staging_limit) {
+    created_before = now() - std::chrono::nanoseconds(*engine.staging_limit).count();
+  }
+  write([&](SqlConnection& c) { remove_staged_maps(c, created_before); });
+}
+
+MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice,
+                             const CellForm& form) {
+  validate_map_name(name);
+  lattice.validate();
+  form.validate();
+  MapInfo created;
+  write([&](SqlConnection& c) {
+    insert_map(c, name, lattice, form, now());
+    created = read_map_row(c, name).info;  // no CELLs yet: no bounds, no sessions
+  });
+  return created;
+}
+
+void SqlStore::delete_map(const std::string& name) {
+  write([&](SqlConnection& c) { remove_map(c, name); });
+}
+
+void SqlStore::set_georeference(const std::string& map,
+                                const std::optional<Georeference>& georeference) {
+  if (georeference) georeference->validate();
+  write([&](SqlConnection& c) { write_georeference(c, map, georeference); });
+}
+
+void SqlStore::set_form(const std::string& map, const CellForm& form) {
+  form.validate();
+  write([&](SqlConnection& c) { write_form(c, map, form); });
+}
+
+void SqlStore::put_document(const std::string& map, const std::string& name,
+                            const std::string& text) {
+  if (text.size() > kMaxBytes) {
+    throw Error(ErrorCode::kTooLarge, "a document of a map is at most " +
+                                          std::to_string(kMaxBytes) + " bytes long, not " +
+                                          std::to_string(text.size()));
+  }
+  write([&](SqlConnection& c) { write_document(c, map, name, text); });
+}
+
+std::optional<std::string> SqlStore::document(const std::string& map,
+                                              const std::string& name) const {
+  return readers_.read([&](SqlConnection& c) -> std::optional<std::string> {
+    Query row(c, "SELECT content FROM document WHERE map = ? AND name = ?",
+              read_map_row(c, map).key, name);
+    if (!row.next()) return std::nullopt;
+    return row.text(0);
+  });
+}
+
+void SqlStore::remove_document(const std::string& map, const std::string& name) {
+  write([&](SqlConnection& c) {
+    Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
+        .run();
+  });
+}
+
+std::vector<MapInfo> SqlStore::maps() const {
+  auto all = readers_.read([&](SqlConnection& c) { return read_maps(c, summaries_); });
+  std::erase_if(all, [](const MapInfo& info) { return is_staged(info.name); });
+  return all;
+}
+
+MapInfo SqlStore::map(const std::string& name) const {
+  return readers_.read(
+      [&](SqlConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
+}
+
+std::string SqlStore::stage_map(const LatticeSpec& lattice) {
+  lattice.validate();
+  std::string name;
+  write([&](SqlConnection& c) { name = insert_staged_map(c, lattice, now()); });
+  return name;
+}
+
+void SqlStore::publish_map(const std::string& staged, const std::string& name,
+                           const std::optional<Along>& along) {
+  validate_map_name(name);
+  if (along) validate(along->update);
+  const UpdateFrames frames = along ? frames_of(along->update) : UpdateFrames{};
+  write([&](SqlConnection& c) {
+    rename_staged_map(c, staged, name);
+    if (along) apply_update(c, along->map, along->update, frames);
+  });
+}
+
+MapVersion SqlStore::version(const std::string& name) const {
+  return readers_.read([&](SqlConnection& c) {
+    const MapInfo info = read_map_row(c, name).info;
+    return MapVersion{info.created, info.revision};
+  });
+}
+
+CommitResult SqlStore::commit(const std::string& map, const MapUpdate& update) {
+  validate(update);
+  const UpdateFrames frames = frames_of(update);
+  CommitResult result;
+  write([&](SqlConnection& c) { result = apply_update(c, map, update, frames); });
+  return result;
+}
+
+SessionInfo SqlStore::create_session(const std::string& map, const SessionInfo& session) {
+  validate(session);
+  write([&](SqlConnection& c) { insert_session(c, map, session); });
+  for (SessionInfo& made : sessions(map)) {
+    if (made.name == session.name) return made;
+  }
+  throw Error(ErrorCode::kNotFound, "map " + map + " was deleted meanwhile");
+}
+
+std::vector<SessionInfo> SqlStore::sessions(const std::string& map) const {
+  return readers_.read([&](SqlConnection& c) { return read_sessions(c, map); });
+}
+
+CellPage SqlStore::cells(const std::string& map, const CellQuery& query) const {
+  validate(query);
+  return readers_.read(
+      [&](SqlConnection& c) { return read_cells(c, read_map_row(c, map), query); });
+}
+
+CellRecord SqlStore::cell(const std::string& map, CellId id) const {
+  return readers_.read([&](SqlConnection& c) {
+    std::optional<CellRecord> cell = find_cell(c, read_map_row(c, map).key, id);
+    if (!cell) throw no_cell(map, id);
+    return *std::move(cell);
+  });
+}
+
+std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,
+                                          std::size_t count) const {
+  validate_position(position);
+  if (count > StoreLimits::kMaxPageSize) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "count: expected at most " + std::to_string(StoreLimits::kMaxPageSize));
+  }
+  return readers_.read(
+      [&](SqlConnection& c) { return read_nearest(c, read_map_row(c, map), position, count); });
+}
+
+StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
+  return readers_.read([&](SqlConnection& c) {
+    const auto kept = find_kept(c, read_map_row(c, map).key, id);
+    if (!kept) throw no_cell(map, id);
+    StoredCell cell{kept->hash, kept->form, cache_.find(kept->content)};
+    if (cell.frame) return cell;
+    cell.frame = read_blob(c, kept->content);
+    cache_.insert(kept->content, cell.frame);
+    return cell;
+  });
+}
+
+std::vector<CellKeeping> SqlStore::keeping(const std::string& map,
+                                           const std::optional<std::string>& session) const {
+  return readers_.read(
+      [&](SqlConnection& c) { return read_keeping(c, read_map_row(c, map).key, session); });
+}
+
+std::optional<CellRecord> SqlStore::last_cell(const std::string& map,
+                                              const std::string& session) const {
+  return readers_.read(
+      [&](SqlConnection& c) { return find_last_cell(c, read_map_row(c, map).key, session); });
+}
+
+PoseGraph SqlStore::pose_graph(const std::string& map, std::optional<Revision> revision) const {
+  return readers_.read([&](SqlConnection& c) { return read_pose_graph(c, map, revision); });
+}
+
+MapChanges SqlStore::changes(const std::string& map, Revision since) const {
+  return readers_.read([&](SqlConnection& c) { return read_changes(c, map, since); });
+}
+
+std::vector<CellScans> SqlStore::scans(const std::string& map, const std::string& session) const {
+  return readers_.read(
+      [&](SqlConnection& c) { return read_scans(c, read_map_row(c, map).key, session); });
+}
+
+JobRecord SqlStore::create_job(JobRecord job) {
+  validate(job);
+  job.created = job.updated = now();
+  write([&](SqlConnection& c) { job.id = insert_job(c, job); });
+  return job;
+}
+
+void SqlStore::update_job(const JobRecord& job) {
+  validate(job);
+  JobRecord stamped = job;
+  stamped.updated = now();
+  write([&](SqlConnection& c) { replace_job(c, stamped); });
+}
+
+JobRecord SqlStore::job(JobId id) const {
+  return readers_.read([&](SqlConnection& c) { return read_job(c, id); });
+}
+
+std::vector<JobRecord> SqlStore::jobs(const std::optional<std::string>& map) const {
+  return readers_.read([&](SqlConnection& c) { return read_jobs(c, map); });
+}
+
+void SqlStore::check_ready() const {
+  readers_.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
+  if (writer_) commits_.run([] {});
+}
+
+void SqlStore::write(const std::function<void(SqlConnection&)>& change) const {
+  if (!writer_) {
+    throw Error(ErrorCode::kUnsupported,
+                "store " + name_ + " was opened read-only; open it for writing");
+  }
+  commits_.run([&] { change(*writer_); });
+  committed().notify();
+}
+
+/// One transaction for all, one savepoint for each: a write that fails takes back only its own.
+void SqlStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
+  SqlConnection& connection = *writer_;
+  try {
+    connection.begin_write();
+    for (GroupCommit::Write* const write : batch) {
+      connection.execute("SAVEPOINT write");
+      try {
+        write->work();
+      } catch (...) {
+        write->failure = std::current_exception();
+        // After a full disk, for example, the engine has rolled back everything itself.
+        if (!connection.in_transaction()) throw;
+        connection.execute("ROLLBACK TO write");
+      }
+      connection.execute("RELEASE write");
+    }
+    connection.execute("COMMIT");
+  } catch (...) {
+    for (GroupCommit::Write* const write : batch) {
+      if (!write->failure) write->failure = std::current_exception();
+    }
+    try {
+      if (connection.in_transaction()) connection.execute("ROLLBACK");
+    } catch (...) {
+      // The next BEGIN fails then and says so to its callers.
+    }
+  }
+}
+
+}  // namespace cellmap
