@@ -11,6 +11,7 @@
 #include "server/api/problem.hpp"
 #include "server/api/standard_headers.hpp"
 #include "server/api/text.hpp"
+#include "server/http/client_address.hpp"
 
 // HTTP/1.1 by cpp-httplib: it reads heads (which the front has let pass) and bodies, and writes
 // answers. What it would do by itself is kept from it: ranges are the API's, and bodies are sent
@@ -149,7 +150,8 @@ struct HttpServer::Impl : httplib::Server {
     own.method = request.method;
     own.target = request.target;
     for (const auto& [name, value] : request.headers) own.headers.add(name, value);
-    own.address = request.remote_addr;
+    own.address =
+        client_address(request.remote_addr, own.headers.get("X-Forwarded-For"), trusted_proxies);
     own.id = given_request_id(own.headers).value_or(next_id());
     return own;
   }
@@ -273,12 +275,14 @@ struct HttpServer::Impl : httplib::Server {
   std::atomic<std::uint64_t> request_count = 0;
   std::vector<std::string> urls;
   int port = 0;
+  std::vector<std::string> trusted_proxies;
   std::unique_ptr<Front> front;
 };
 
 HttpServer::HttpServer(Api& api, std::shared_ptr<spdlog::logger> log, HttpServerOptions options)
     : impl_(std::make_unique<Impl>(api, std::move(log))) {
   allow_descriptors(options.front.max_connections);
+  impl_->trusted_proxies = std::move(options.trusted_proxies);
   std::vector<Listener> listeners;
   for (const std::string& address : options.listen) listeners.emplace_back(address);
   if (listeners.empty()) {

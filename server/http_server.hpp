@@ -14,6 +14,7 @@ namespace cellmap::server {
 struct HttpServerOptions {
   std::vector<std::string> listen{"127.0.0.1:0"};  ///< as `Listener` has them
   FrontOptions front;
+  std::vector<std::string> trusted_proxies;  ///< as `client_address` has them
 };
 
 /// The API behind sockets: the front (server/http) takes connections and heads, cpp-httplib, which

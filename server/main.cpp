@@ -8,6 +8,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/open_store.hpp"
 #include "server/api/api.hpp"
+#include "server/http/client_address.hpp"
 #include "server/http_server.hpp"
 #include "server/log.hpp"
 #include "server/openapi_text.hpp"
@@ -87,6 +88,9 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
 cellmap::server::HttpServerOptions http_options(const Settings& settings) {
   cellmap::server::HttpServerOptions options;
   options.listen = settings.listen;
+  for (const std::string& proxy : settings.trusted_proxies) {
+    options.trusted_proxies.push_back(cellmap::server::address_name(proxy).value_or(proxy));
+  }
   options.front.max_connections = static_cast<std::size_t>(settings.max_connections);
   return options;
 }

@@ -5,6 +5,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
+#include "server/http/client_address.hpp"
 #include "server/http/listener.hpp"
 
 namespace cellmap::server {
@@ -72,6 +73,12 @@ void add_options(CLI::App& app, Settings& settings) {
   app.add_option("--allow-origin", settings.allow_origins,
                  "A web page that may call from a browser: its origin, or * (repeatable)")
       ->delimiter(',');
+  app.add_option("--trusted-proxy", settings.trusted_proxies,
+                 "The address of a proxy whose X-Forwarded-For is believed, or unix (repeatable)")
+      ->delimiter(',')
+      ->check([](const std::string& text) {
+        return text == "unix" || address_name(text) ? "" : text + " is no IP address";
+      });
   app.add_option("--threads", settings.threads, "Threads of one computation; 0: all")
       ->check(CLI::Range(0, 1024));
   app.add_option("--max-connections", settings.max_connections,
@@ -94,7 +101,8 @@ std::string text_of(CLI::App& app, const Settings& settings) {
   const std::vector<std::pair<const char*, const std::vector<std::string>*>> lists{
       {"--listen", &settings.listen},
       {"--data-root", &settings.data_roots},
-      {"--allow-origin", &settings.allow_origins}};
+      {"--allow-origin", &settings.allow_origins},
+      {"--trusted-proxy", &settings.trusted_proxies}};
   for (const auto& [name, values] : lists) {
     CLI::Option* option = app.get_option(name);
     option->configurable(!values->empty());

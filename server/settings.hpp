@@ -19,6 +19,7 @@ struct Settings {
   std::string tokens, audit;
   double rate_limit = 0;
   std::vector<std::string> allow_origins;
+  std::vector<std::string> trusted_proxies;
   int threads = 0;
   int max_connections = 4096;
   std::string log_level = "info", log_format = "text";

@@ -49,6 +49,7 @@ struct Services {
   Maps maps;
   JobQueue jobs;
   std::counting_semaphore<> relocalisations;
+  std::atomic<int> turns = 0;  ///< of those that run or wait
   std::atomic<int> followers = 0;
   std::atomic<bool> stopping = false;  ///< streams and long polls end
 };

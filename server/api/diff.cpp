@@ -114,14 +114,15 @@ Response get(Services& services, const Call& call) {
   };
   const Side earlier = side(question.sessions[0]), later = side(question.sessions[1]);
   DiffOptions options;
-  options.threads = services.options.threads;
   require_bounded(pairs_to_compare(earlier.cells, later.cells, options).size());
-  const Turn turn(services);
-  const auto start = std::chrono::steady_clock::now();
-  const SessionDiff diff =
-      diff_sessions(earlier.cells, later.cells, MapState::targets(state), options);
-  const std::chrono::duration<double, std::milli> elapsed =
-      std::chrono::steady_clock::now() - start;
+  SessionDiff diff;
+  std::chrono::duration<double, std::milli> elapsed{};
+  in_turn(services, [&](int threads) {
+    options.threads = threads;
+    const auto start = std::chrono::steady_clock::now();
+    diff = diff_sessions(earlier.cells, later.cells, MapState::targets(state), options);
+    elapsed = std::chrono::steady_clock::now() - start;
+  });
 
   Json regions = Json::array(), cells = Json::array();
   for (const ChangeRegion& region : diff.regions) regions.push_back(document::to_json(region));

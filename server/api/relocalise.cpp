@@ -134,19 +134,21 @@ Response relocalise(Services& services, const Call& call) {
   const auto prior = read_prior(call);
   RelocalisationQuery query = read_query(call, *state->lattice());
   query.prior = prior;
-  const Turn turn(services);
-  const auto start = std::chrono::steady_clock::now();
-  const auto index = state->place_index(*state->graph());
-  const auto graph = aligned(state->graph());  // again: every CELL of the index has a pose in it
-  RelocaliseOptions options;
-  options.threads = services.options.threads;
-  options.registration.threads = services.options.threads;
-  const auto answer = index->relocalise(query, *graph, MapState::targets(state), options);
+  std::shared_ptr<const PoseGraph> graph;
+  RelocalisationAnswer answer;
+  std::chrono::duration<double, std::milli> elapsed{};
+  in_turn(services, [&](int threads) {
+    const auto start = std::chrono::steady_clock::now();
+    const auto index = state->place_index(*state->graph());
+    graph = aligned(state->graph());  // again: every CELL of the index has a pose in it
+    RelocaliseOptions options;
+    options.threads = options.registration.threads = threads;
+    answer = index->relocalise(query, *graph, MapState::targets(state), options);
+    elapsed = std::chrono::steady_clock::now() - start;
+  });
   services.metrics.relocalisation(answer.found.has_value());
   Json json = to_document(services, state->name(), answer);
   json["revision"] = graph->revision;
-  const std::chrono::duration<double, std::milli> elapsed =
-      std::chrono::steady_clock::now() - start;
   json["time_ms"] = elapsed.count();
   return json_response(json);
 }

@@ -1,28 +1,16 @@
 #pragma once
 
-#include <semaphore>
+#include <functional>
 
-#include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
 
 namespace cellmap::server {
 
-/// One of the few relocalisations and comparisons that may run at a time: they take a processor for
-/// long. Waits for it; throws Error{kUnavailable} where none is to be had.
-class Turn {
- public:
-  explicit Turn(Services& services) : turns_(services.relocalisations) {
-    if (!turns_.try_acquire_for(services.options.relocalisation_wait)) {
-      throw Error(ErrorCode::kUnavailable,
-                  "Too many relocalisations and comparisons at a time; try again.");
-    }
-  }
-  ~Turn() { turns_.release(); }
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
-
- private:
-  std::counting_semaphore<>& turns_;
-};
+/// Runs `work` as one of the few relocalisations and comparisons that run at a time, because they
+/// take a processor for long, and in the background, so that requests that take a millisecond are
+/// answered beside them. Waits for its turn; throws Error{kUnavailable} at once where many wait
+/// already, and where its turn does not come in time, and what `work` throws. `threads` are as many
+/// as the options say where it is alone, else one: together they keep the processors busy anyway.
+void in_turn(Services& services, const std::function<void(int threads)>& work);
 
 }  // namespace cellmap::server

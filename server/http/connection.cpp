@@ -11,6 +11,8 @@
 #include <array>
 #include <cerrno>
 
+#include "server/http/client_address.hpp"
+
 namespace cellmap::server {
 namespace {
 
@@ -31,22 +33,15 @@ const std::string& Connection::address() const {
   if (!address_.empty()) return address_;
   sockaddr_storage peer{};
   socklen_t size = sizeof(peer);
-  char text[INET6_ADDRSTRLEN] = "unknown";
-  if (::getpeername(socket_, reinterpret_cast<sockaddr*>(&peer), &size) != 0)
-    return address_ = text;
+  if (::getpeername(socket_, reinterpret_cast<sockaddr*>(&peer), &size) != 0) {
+    return address_ = "unknown";
+  }
   if (peer.ss_family == AF_UNIX) return address_ = "unix";
-  if (peer.ss_family == AF_INET) {
-    ::inet_ntop(AF_INET, &reinterpret_cast<sockaddr_in&>(peer).sin_addr, text, sizeof(text));
-    return address_ = text;
-  }
-  in6_addr network = reinterpret_cast<sockaddr_in6&>(peer).sin6_addr;
-  if (IN6_IS_ADDR_V4MAPPED(&network)) {
-    ::inet_ntop(AF_INET, network.s6_addr + 12, text, sizeof(text));
-    return address_ = text;
-  }
-  std::fill_n(network.s6_addr + 8, 8, std::uint8_t{0});
-  ::inet_ntop(AF_INET6, &network, text, sizeof(text));
-  return address_ = std::string(text) + "/64";
+  const void* bytes = &reinterpret_cast<sockaddr_in&>(peer).sin_addr;
+  if (peer.ss_family == AF_INET6) bytes = &reinterpret_cast<sockaddr_in6&>(peer).sin6_addr;
+  char text[INET6_ADDRSTRLEN] = "";
+  ::inet_ntop(peer.ss_family, bytes, text, sizeof(text));
+  return address_ = address_name(text).value_or("unknown");
 }
 
 bool Connection::receive() {

@@ -22,6 +22,6 @@ FUZZ_TARGET(bytes) {
   } else {
     cellmap::decode_compact_planes(
         lattice, layers, 0.02,
-        number(0) & 4 ? cellmap::CompactVersion::k1 : cellmap::CompactVersion::k2);
+        byte(0) & 4 ? cellmap::CompactVersion::k1 : cellmap::CompactVersion::k2);
   }
 }

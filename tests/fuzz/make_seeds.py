@@ -95,10 +95,11 @@ def coded_planes():
                   for sphere in lattice for k, direction in enumerate(sphere.directions) if (sphere.first + k) % 3}
         planes = {index: plane for index, plane in planes.items() if plane}
         coarse = sum(coded_cell.is_coarse(p) and sphere.first + k in planes for sphere in lattice for k, p in enumerate(sphere.points))
-        for packed in (0, 1):
-            layers, _ = coded_cell.encode_packed(lattice, planes) if packed else coded_cell.encode_compact(lattice, planes, 20_000)
-            head = struct.pack("<B3H", number + packed, len(layers[0]), coarse, len(planes) - coarse)
-            yield f"{kind}-{packed}", head + b"".join(layers)
+        encoded = {1: coded_cell.encode_packed(lattice, planes)}
+        encoded.update({bit: coded_cell.encode_compact(lattice, planes, 20_000, version) for bit, version in ((0, 2), (4, 1))})
+        for encoding, (layers, _) in encoded.items():
+            head = struct.pack("<B3H", number + encoding, len(layers[0]), coarse, len(planes) - coarse)
+            yield f"{kind}-{encoding}", head + b"".join(layers)
 
 
 def bodies():

@@ -19,6 +19,7 @@ class Connection:
 
     def __init__(self, host, port):
         self.host, self.port, self.reader, self.writer = host, port, None, None
+        self.retry_after = None  # of the last answer
 
     async def ask(self, method, path, body=b"", media_type=None, accept="*/*"):
         """Status and body."""
@@ -44,6 +45,7 @@ class Connection:
     async def read_head(self):
         lines = (await self.reader.readuntil(b"\r\n\r\n")).decode("latin-1").split("\r\n")
         fields = {name.lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:] if line)}
+        self.retry_after = fields.get("retry-after")
         return int(lines[0].split()[1]), int(fields.get("content-length", 0)), fields.get("connection", "").lower() == "close"
 
     def close(self):
@@ -70,6 +72,8 @@ class Fleet:
         status, data = await connection.ask(*request, **how)
         if status == 503:  # shed: not served, and not an error
             self.shed[role] = self.shed.get(role, 0) + 1
+            if not connection.retry_after:
+                self.wrong.append(f"{role}: 503 without Retry-After")
             await asyncio.sleep(0.2)
             return None
         if status >= 400:

@@ -6,6 +6,8 @@
 3. beside nginx: one CELL's bytes, as cellmapd serves them and as nginx serves them from a file, by wrk with 1, 16 and 256
    connections, in turns.
 4. fetches while relocalisation is saturated, against alone, in turns.
+5. overload: 150 clients that relocalise at a time. What is too much must be refused with 503 and Retry-After, fetches must go
+   on, memory must stay bounded, and afterwards the server must be as before.
 
 Every answer is looked at: bytes of CELLs must be those, acknowledged CELLs must be there. On a machine that does other things
 too only ratios of one run mean something; the load before and after is printed.
@@ -27,6 +29,7 @@ sys.path.insert(0, str(HERE.parent / "crash"))
 from server import Server  # noqa: E402
 
 CELL = "application/vnd.cellmap.cell"
+ROWS = ("mixture", "crowd", "nginx", "relocalising", "overload")
 MIXTURE = {"fetch": 8, "batch": 2, "changes": 2, "relocalise": 1, "uploads": 1, "follow": 8}
 
 
@@ -209,23 +212,57 @@ def while_relocalising(world, seconds):
     return row
 
 
+def overload(world, seconds):
+    """More than can be answered, from clients that come again at once."""
+    pid = world.server.process.pid
+    before = memory_mib(pid, "VmRSS")
+    fleets = [world.fleet({"relocalise": 75, "fetch": 2, "changes": 1}, seconds, seed) for seed in (4000, 5000)]
+    highest = before
+    while any(fleet.poll() is None for fleet in fleets):
+        highest = max(highest, memory_mib(pid, "VmRSS"))
+        time.sleep(0.1)
+    answers = [json.loads(fleet.communicate()[0]) for fleet in fleets]
+    fetches = [x for a in answers for x in a["latencies"].get("fetch", [])]
+    relocalisations = [x for a in answers for x in a["latencies"].get("relocalise", [])]
+    shed = sum(a["shed"].get("relocalise", 0) for a in answers)
+    row = {"relocalised": len(relocalisations), "shed_503": shed, "fetches": len(fetches),
+           "fetch_p99_ms": round(percentile(fetches, 0.99), 1) if fetches else None,
+           "slowest_relocalisation_ms": round(max(relocalisations, default=0)),
+           "memory_mib": {"before": before, "highest": highest}, "wrong": [w for a in answers for w in a["wrong"]]}
+    shed_others = sum(sum(a["shed"].values()) for a in answers) - shed
+    checks = {"nothing was shed": shed > 0, "no relocalisation was answered": len(relocalisations) > 0,
+              f"{shed_others} other requests were shed": shed_others == 0,
+              "fetches took over a second": bool(fetches) and row["fetch_p99_ms"] < 1000,
+              "who was not shed waited over 11 s": row["slowest_relocalisation_ms"] < 11_000,
+              "the bodies of 150 clients took over 512 MiB": highest - before < 512}
+    row["wrong"] += [f"overload: {what}" for what, holds in checks.items() if not holds]
+    note(f"\noverload by 150 clients that relocalise: {len(relocalisations)} answered in up to {row['slowest_relocalisation_ms']} ms, {shed} refused "
+         f"(503, Retry-After), {len(fetches)} fetches with p99 {row['fetch_p99_ms']} ms, memory {before} to {highest} MiB")
+    row["wrong"] += mixture(world, 1, "after it")["wrong"]
+    return row
+
+
 def measure(options, folder):
     result = {"load_before": os.getloadavg(), "processors": os.cpu_count()}
     note(f"load before: {result['load_before'][0]:.1f} on {result['processors']} processors")
     world = World(options, folder)
     try:
         mixture(world, 2, "warming up")
-        result["mixture"] = mixture(world, options.seconds, "mixture")
-        result["crowd"] = with_crowd(world, options.seconds)
-        ratio = result["crowd"]["routes"]["fetch"]["p99_ms"] / result["mixture"]["routes"]["fetch"]["p99_ms"]
-        result["crowd"]["fetch_p99_ratio"] = round(ratio, 2)
-        note(f"  fetch p99 against without the crowd: {ratio:.2f} (must be below 2)")
+        if "mixture" in options.rows:
+            result["mixture"] = mixture(world, options.seconds, "mixture")
+        if {"mixture", "crowd"} <= options.rows:
+            result["crowd"] = with_crowd(world, options.seconds)
+            ratio = result["crowd"]["routes"]["fetch"]["p99_ms"] / result["mixture"]["routes"]["fetch"]["p99_ms"]
+            result["crowd"]["fetch_p99_ratio"] = round(ratio, 2)
+            note(f"  fetch p99 against without the crowd: {ratio:.2f} (must be below 2)")
         short = max(1, options.seconds // 5)
         for name, tool, row in (("nginx", "nginx", beside_nginx), ("relocalising", "wrk", while_relocalising)):
-            if shutil.which(tool) and shutil.which("wrk"):
+            if name in options.rows and shutil.which(tool) and shutil.which("wrk"):
                 result[name] = row(world, short)
-            else:
+            elif name in options.rows:
                 note(f"\nNOT MEASURED: {name}; it takes wrk and nginx (Debian packages wrk, nginx-light)")
+        if "overload" in options.rows:
+            result["overload"] = overload(world, options.seconds)
         result["server_peak_mib"] = memory_mib(world.server.process.pid, "VmHWM")
         note(f"\nserver's memory at its highest: {result['server_peak_mib']} MiB")
     finally:
@@ -238,15 +275,18 @@ def measure(options, folder):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=int, default=15, help="of the mixture; the rows of wrk take a fifth each, three times")
+    parser.add_argument("--rows", type=lambda text: set(text.split(",")), default=set(ROWS), help=f"some of {','.join(ROWS)}; default: all")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--cellmap", default="build/release/client/cellmap")
     parser.add_argument("--cellmapd", default="build/release/server/cellmapd")
     options = parser.parse_args()
+    if not options.rows <= set(ROWS):
+        parser.error(f"--rows takes {','.join(ROWS)}")
     with tempfile.TemporaryDirectory() as folder:
         result = measure(options, Path(folder))
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n")
-    wrong = result["mixture"]["wrong"] + result["crowd"]["wrong"]
+    wrong = [line for row in result.values() if isinstance(row, dict) for line in row.get("wrong", [])]
     for line in wrong:
         print("WRONG:", line)
     return 1 if wrong else 0

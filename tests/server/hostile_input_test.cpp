@@ -95,6 +95,16 @@ INSTANTIATE_TEST_SUITE_P(
                   return ids;
                 }() +
                 "]}"),
+        json(
+            "TooManyHashes", "/v1/maps/town/sessions/drive/cells:lacking",
+            R"({"hashes":[)" +
+                [] {
+                  const std::string hash = '"' + std::string(64, 'a') + '"';
+                  std::string hashes = hash;
+                  for (int i = 0; i < 10'000; ++i) hashes += "," + hash;
+                  return hashes;
+                }() +
+                "]}"),
         Attack{"TooLong", "POST", "/v1/maps", kJson, std::string(70'000, ' '), 413, "too-large"}),
     name_of);
 
@@ -102,6 +112,7 @@ INSTANTIATE_TEST_SUITE_P(Poses, HostileInput,
                          ::testing::Values(loop("NoRotation", "[0,0,0,0,0,0,0]"),
                                            loop("NotRigid", "[0,0,0,0,0,0,2]"),
                                            loop("TooShort", "[0,0,0,0,0,1]"),
+                                           loop("NotFinite", "[0,0,null,0,0,0,1]"),
                                            loop("AlmostInfinite", "[0,0,0,1e200,0,0,1e200]")),
                          name_of);
 

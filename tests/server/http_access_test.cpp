@@ -53,6 +53,22 @@ TEST_F(HttpAccess, TheAuditLogSaysWhereAWriteCameFrom) {
   EXPECT_EQ(lines[0].at("request_id"), "mine-1");
 }
 
+TEST_F(HttpAccess, ATrustedProxySaysWhereAWriteCameFrom) {
+  HttpServerOptions options;
+  options.trusted_proxies = {"127.0.0.1"};
+  serve(options);
+  const std::string body = R"({"name":"new"})";
+  const auto answer = exchange(
+      "POST /v1/maps HTTP/1.1\r\nHost: x\r\nConnection: close\r\n"
+      "X-Forwarded-For: 192.0.2.1\r\nX-Forwarded-For: 203.0.113.9\r\n"
+      "Content-Type: application/json\r\nAuthorization: Bearer " +
+      admin_ + "\r\nContent-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body);
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 201"));
+  const auto lines = audited();
+  ASSERT_EQ(lines.size(), 1u);
+  EXPECT_EQ(lines[0].at("address"), "203.0.113.9");
+}
+
 TEST_F(HttpIds, ASaneIdOfTheClientIsKeptAndAnotherReplaced) {
   serve();
   EXPECT_THAT(get_and_close("/healthz", "X-Request-Id: trace.7\r\n"),

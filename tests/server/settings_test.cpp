@@ -77,6 +77,7 @@ TEST_F(SettingsTest, WhatNobodyKnowsIsRefused) {
   EXPECT_THAT(refusal({"--config", write("store = \"a\"\ncolour = \"red\"\n")}),
               HasSubstr("colour"));
   EXPECT_THAT(refusal({"--store", "a", "--colour", "red"}), HasSubstr("colour"));
+  EXPECT_THAT(refusal({"--store", "a", "--trusted-proxy", "example.org"}), HasSubstr("address"));
   EXPECT_THAT(refusal({"--config", write("store = \"a\"\nthreads = \"many\"\n")}),
               HasSubstr("threads"));
   EXPECT_THAT(refusal({"--config", write("store = \"a\"\nlog-level = \"loud\"\n")}),

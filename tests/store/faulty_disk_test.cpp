@@ -10,6 +10,7 @@
 #include "cellmap/store/sqlite_connection.hpp"
 #include "cellmap/store/sqlite_store.hpp"
 #include "cellmap/store/staging.hpp"
+#include "store/older_schema.hpp"
 #include "store/store_contract.hpp"
 
 namespace cellmap::test {
@@ -43,6 +44,7 @@ std::string state_of(const Store& store) {
 struct Operation {
   const char* name;
   std::function<void(Store&)> run;
+  std::string age{};  ///< SQL that makes the store an older one before
 };
 
 void PrintTo(const Operation& operation, std::ostream* stream) { *stream << operation.name; }
@@ -84,6 +86,8 @@ const std::vector<Operation> kOperations = {
        store.create_job(job);
      }},
     {"Reopen", [](Store&) {}},
+    {"Migrate", [](Store&) {},
+     std::string(kUndoSchema5) + "DROP TABLE document; PRAGMA user_version = 3"},
 };
 
 /// Hundreds of stores are made and thrown away: in memory where there is such a folder, since some
@@ -109,7 +113,7 @@ class FaultyStore : public ::testing::TestWithParam<std::tuple<Operation, Fault>
   static Fault fault() { return std::get<1>(GetParam()); }
 
   FaultyStore() {
-    const auto store = open_sqlite_store(prepared_);
+    auto store = open_sqlite_store(prepared_);
     store->create_map("town", {});
     MapUpdate update;
     for (std::uint32_t id = 0; id < 8; ++id) {
@@ -118,6 +122,10 @@ class FaultyStore : public ::testing::TestWithParam<std::tuple<Operation, Fault>
     }
     store->commit("town", update);
     before_ = state_of(*store);
+    store.reset();
+    if (!operation().age.empty()) {
+      SqliteConnection(prepared_, SqliteAccess::kReadWrite, 1000).execute(operation().age.c_str());
+    }
   }
 
   /// A fresh store in the state before the operation.

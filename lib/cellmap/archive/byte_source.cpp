@@ -113,13 +113,17 @@ void MemoryFile::write(std::uint64_t offset, std::span<const std::byte> bytes) {
 
 std::unique_ptr<ByteFile> open_temporary_file(const std::filesystem::path& folder) {
   const auto where = folder.empty() ? std::filesystem::temp_directory_path() : folder;
-  std::string name = (where / "cellmap-XXXXXX").string();
-  const int descriptor = ::mkostemp(name.data(), O_CLOEXEC);
+  // One that never had a name is gone with the process, however that ends.
+  int descriptor = ::open(where.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  if (descriptor < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == ENOENT)) {
+    std::string name = (where / "cellmap-XXXXXX").string();
+    descriptor = ::mkostemp(name.data(), O_CLOEXEC);
+    if (descriptor >= 0) ::unlink(name.c_str());
+  }
   if (descriptor < 0) {
     throw Error(ErrorCode::kIo,
                 "cannot make a file in '" + where.string() + "': " + std::strerror(errno));
   }
-  ::unlink(name.c_str());
   return std::make_unique<LocalFile>(descriptor, "a temporary file");
 }
 

@@ -71,20 +71,18 @@ class LayerDecoder {
   RebuiltBatch rebuilt_;
 };
 
-}  // namespace
-
-DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
-                                    double bound_m, CompactVersion version) {
+std::vector<DecodedPlanes> decode_layers(CodingLattice& lattice, std::span<const LayerView> layers,
+                                         double bound_m, CompactVersion version) {
   std::size_t planes = 0;
   for (const LayerView& layer : layers) planes += layer.planes;
   CompactState state(lattice, planes, bound_m, version);
-  DecodedPlanes result;
+  std::vector<DecodedPlanes> result(layers.size());
   for (std::size_t layer = 0; layer < layers.size(); ++layer) {
     CompactModel& model = state.models[layer];
     RangeDecoder coder(layers[layer].bytes);
     code_index(coder, model.index, lattice, static_cast<int>(layer), state.index);
     coder.check();
-    DecodedPlanes decoded;
+    DecodedPlanes& decoded = result[layer];
     decoded.indices = std::move(state.index.of_layer);
     check_count(decoded.indices, layers[layer].planes);
     decoded.planes.resize(decoded.indices.size());
@@ -93,8 +91,17 @@ DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const Laye
       decoder.decode(first, batch);
     });
     coder.finish();
-    merge_layer(result, std::move(decoded));
   }
+  return result;
+}
+
+}  // namespace
+
+DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
+                                    double bound_m, CompactVersion version) {
+  std::vector<DecodedPlanes> decoded = decode_layers(lattice, layers, bound_m, version);
+  DecodedPlanes result;
+  for (DecodedPlanes& layer : decoded) merge_layer(result, std::move(layer));
   return result;
 }
 

@@ -85,16 +85,18 @@ LatticeBelts::LatticeBelts(const LatticeSphere& sphere)
       offset_(sphere.offset),
       margin_(static_cast<std::uint32_t>(16 * std::sqrt(double(size_))) + 32),
       belts_(size_ / kBeltPoints + 1) {
-  const auto with_azimuths = [](const std::vector<std::uint32_t>& steps) {
+  const auto measured = [this](const std::vector<std::uint32_t>& steps) {
     std::vector<Candidate> candidates;
     for (const std::uint32_t step : steps) {
       const auto turn = static_cast<std::int64_t>(step * kGoldenTurn);
-      candidates.push_back({step, static_cast<double>(turn) * kRadPerUnit});
+      const double azimuth = static_cast<double>(turn) * kRadPerUnit;
+      const double height = 2.0 * step / divisor_;
+      candidates.push_back({step, azimuth * azimuth, height * height});
     }
     return candidates;
   };
-  fine_ = with_azimuths(short_steps(2, 1, margin_ / 2));
-  coarse_ = with_azimuths(short_steps(4, kCoarsePoints, margin_));
+  fine_ = measured(short_steps(2, 1, margin_ / 2));
+  coarse_ = measured(short_steps(4, kCoarsePoints, margin_));
 }
 
 LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& candidates,
@@ -109,10 +111,13 @@ LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& ca
   std::array<Near, kNeighbours + 1> nearest;  // sorted, and room for one more
   std::size_t count = 0;
   for (const Candidate& c : candidates) {
-    const double height = 2.0 * c.step / divisor_;
-    const Near near{c.azimuth_rad * c.azimuth_rad * r2 + height * height / r2, c.step};
-    if (count == kNeighbours && !(near < nearest[kNeighbours - 1])) {
-      if (height * height / r2 > nearest[kNeighbours - 1].distance2) break;  // as are all after it
+    const double across2 = c.azimuth2_rad2 * r2;
+    const bool is_full = count == kNeighbours;
+    if (is_full && across2 > nearest[kNeighbours - 1].distance2) continue;
+    const double along2 = c.height2 / r2;
+    const Near near{across2 + along2, c.step};
+    if (is_full && !(near < nearest[kNeighbours - 1])) {
+      if (along2 > nearest[kNeighbours - 1].distance2) break;  // as are all after it
       continue;
     }
     std::size_t at = count;

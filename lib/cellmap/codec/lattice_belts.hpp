@@ -64,7 +64,8 @@ class LatticeBelts {
   static constexpr std::uint32_t kBeltPoints = 256;
   struct Candidate {
     std::uint32_t step;
-    double azimuth_rad;  ///< from a point to the one so many before it, or back
+    double azimuth2_rad2;  ///< from a point to the one so many before it, or back, squared
+    double height2;        ///< the same of their heights on the unit sphere
   };
   struct Belt {
     bool is_known = false;

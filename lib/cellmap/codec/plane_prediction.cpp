@@ -7,6 +7,7 @@ namespace cellmap {
 
 KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes, PredictionRule rule)
     : lattice_(lattice), slots_(lattice.places), planes_(1), rule_(rule) {
+  if (planes > UINT16_MAX) high_slots_.resize(lattice.places);
   planes_.reserve(planes + 1);
 }
 
@@ -17,9 +18,12 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
     // The first that are known; the others stay slot 0, a plane that counts nowhere.
     std::array<std::uint32_t, LatticeBelts::kNeighbours + 1> slots{};
     std::size_t known = 0;
-    const std::uint32_t* const here = slots_.data() + place(batch, k);
+    const std::uint16_t* const here = slots_.data() + place(batch, k);
+    const std::uint8_t* const high =
+        high_slots_.empty() ? nullptr : high_slots_.data() + place(batch, k);
     for (const std::int32_t offset : belts.offsets_at(batch.points[k])) {
       slots[known] = here[offset];
+      if (high) slots[known] |= std::uint32_t{high[offset]} << 16;
       known += slots[known] != 0;
     }
     for (std::size_t n = 0; n < kUsed; ++n) {

@@ -89,7 +89,11 @@ class KnownPlanes {
 
   /// Makes patch k of the batch a neighbour of later ones.
   void add(const PatchBatch& batch, std::size_t k, const InversePlane& m) {
-    slots_[place(batch, k)] = static_cast<std::uint32_t>(planes_.size());
+    const auto slot = static_cast<std::uint32_t>(planes_.size());
+    slots_[place(batch, k)] = static_cast<std::uint16_t>(slot);
+    if (!high_slots_.empty()) {
+      high_slots_[place(batch, k)] = static_cast<std::uint8_t>(slot >> 16);
+    }
     planes_.push_back({m, {batch.frames.u[0][k], batch.frames.u[1][k], batch.frames.u[2][k]}});
   }
 
@@ -104,7 +108,10 @@ class KnownPlanes {
   }
 
   CodingLattice& lattice_;
-  std::vector<std::uint32_t> slots_;  ///< by place: position in planes_, 0: none
+  // By place: position in planes_, 0: none. Two bytes, because fresh memory is what decoding waits
+  // for; a third one where there are so many planes.
+  std::vector<std::uint16_t> slots_;
+  std::vector<std::uint8_t> high_slots_;
   std::vector<Known> planes_;
   PredictionRule rule_;
   simd::PatchNeighbours around_;

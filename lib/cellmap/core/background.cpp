@@ -1,0 +1,30 @@
+#include "cellmap/core/background.hpp"
+
+#include <sys/resource.h>
+
+#include <exception>
+#include <thread>
+
+namespace cellmap {
+namespace {
+
+/// Others get three times as much: requests then hardly notice, and nobody starves.
+constexpr int kLess = 5;
+
+}  // namespace
+
+void run_in_background(const std::function<void()>& work) {
+  std::exception_ptr failure;
+  // Its own thread: without privileges nobody can raise a priority again.
+  std::thread([&] {
+    setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kLess);  // of this thread
+    try {
+      work();
+    } catch (...) {
+      failure = std::current_exception();
+    }
+  }).join();
+  if (failure) std::rethrow_exception(failure);
+}
+
+}  // namespace cellmap
