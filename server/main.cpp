@@ -76,6 +76,7 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
   options.openapi = cellmap::server::openapi_text();
   options.viewer = viewer_folder(settings);
   options.threads = settings.threads;
+  options.jobs.carries_out = settings.role == "all";
   options.jobs.data_roots = canonical_roots(settings);
   if (const auto file = cellmap::store_file(settings.store)) {
     options.store_file = *file;

@@ -54,6 +54,9 @@ void add_options(CLI::App& app, Settings& settings) {
   app.add_option(
       "--store", settings.store,
       "The store: a file, made where it is missing, or postgresql://[user@]host/database");
+  app.add_option("--role", settings.role,
+                 "all, or api: everything but jobs, beside the one server of a database with all")
+      ->check(CLI::IsMember({"all", "api"}));
   app.add_option("--listen", settings.listen,
                  "HOST:PORT (port 0: any free one) or unix:PATH (repeatable, or with commas)")
       ->delimiter(',');

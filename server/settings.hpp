@@ -13,6 +13,7 @@ namespace cellmap::server {
 /// before the file, that before the defaults here.
 struct Settings {
   std::string store;
+  std::string role = "all";  ///< or "api": no jobs
   std::vector<std::string> listen{"127.0.0.1:8080"};
   std::vector<std::string> data_roots;
   std::string viewer;

@@ -48,6 +48,7 @@ JobQueue::JobQueue(Maps& maps, Metrics& metrics, std::shared_ptr<spdlog::logger>
       metrics_(metrics),
       log_(std::move(log)),
       options_(std::move(options)) {
+  if (!options_.carries_out) return;
   recover();
   for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this] { work(); });
 }
@@ -205,6 +206,10 @@ JobView JobQueue::submit_convert(const std::string& map, const Json& json) {
 /// Under the mutex.
 void JobQueue::require_room() const {
   if (stopping_) throw Error(ErrorCode::kUnavailable, "The server is stopping.");
+  if (!options_.carries_out) {
+    throw Error(ErrorCode::kUnavailable,
+                "This server carries out no jobs (--role api); send them to the one that does.");
+  }
   if (live_.size() >= options_.max_unfinished) {
     throw Error(ErrorCode::kUnavailable, "Too many unfinished jobs; try again later.");
   }

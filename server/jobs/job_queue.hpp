@@ -25,6 +25,8 @@
 namespace cellmap::server {
 
 struct JobQueueOptions {
+  /// False: another server over the same store carries out jobs, and this one takes none.
+  bool carries_out = true;
   int threads = 1;                                ///< of one job's computations; 0: all
   int workers = 16;                               ///< jobs that run at a time; uploads mostly wait
   std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused

@@ -84,6 +84,23 @@ TEST_F(ApiJobs, ADriveBelowTheDataRootBecomesAMap) {
   EXPECT_EQ(json_of(get(kJobs))["jobs"].size(), 1u);
 }
 
+TEST_F(ApiJobs, AServerThatCarriesOutNoneLeavesThoseOfTheOtherAloneAndRefusesNewOnes) {
+  JobRecord of_the_other;
+  of_the_other.map = "town";
+  of_the_other.kind = "ingest";
+  of_the_other.state = JobState::kRunning;
+  store_->create_map("town", {});
+  const JobRecord left = store_->create_job(of_the_other);
+  ApiOptions api_only = options();
+  api_only.jobs.carries_out = false;
+  start(std::move(api_only));
+  EXPECT_EQ(store_->job(left.id).state, JobState::kRunning);
+  const Response refused =
+      send("POST", kJobs, Json{{"path", (folder_.path() / "data").string()}}.dump());
+  EXPECT_EQ(refused.status, 503);
+  EXPECT_NE(std::string(body_view(refused)).find("--role"), std::string::npos);
+}
+
 TEST_F(ApiJobs, TheTrajectoryCoversEveryScanBeforeAndAfterTheBackEnd) {
   ingest("town");
   const std::string target = "/v1/maps/town/trajectory?session=drive&format=kitti";
@@ -126,7 +143,7 @@ TEST_F(ApiJobs, AnUploadGoesOnAfterARestartAndTheMapIsTheSame) {
   // Who had sent all scans before is told which are lost, instead of ending a drive that lacks
   // some.
   for (const std::string& path : {"/v1/jobs/" + id.dump() + "/complete",
-                                 std::string("/v1/maps/uploaded/sessions/drive/scans:complete")}) {
+                                  std::string("/v1/maps/uploaded/sessions/drive/scans:complete")}) {
     const auto early = send("POST", path + "?scans=" + std::to_string(kScans));
     expect_problem(early, 409, "conflict");
     EXPECT_EQ(json_of(early)["next_scan"], 7);

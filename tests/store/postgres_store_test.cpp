@@ -64,7 +64,8 @@ TEST_F(PostgresStoreTest, ServersThatWriteAtTheSameTimeLoseNothingAndLeaveNoGap)
       const auto store = open();
       const std::string session = "robot" + std::to_string(server);
       for (std::uint32_t i = 0; i < kCells; ++i) {
-        store->commit("town", adding({make_cell(1 + server * kCells + i, {}, session)}));
+        store->commit("town",
+                      adding({make_cell(1 + server * kCells + i, Pose::Identity(), session)}));
       }
     });
   }
@@ -111,7 +112,7 @@ TEST_F(PostgresStoreTest, DamagedBytesAreRecognised) {
 TEST_F(PostgresStoreTest, ATextThatIsNoUtf8IsRefusedAndNothingChanges) {
   const auto store = open();
   store->create_map("town", {});
-  for (const std::string text : {std::string("\xff\xfe"), std::string("a\0b", 3)}) {
+  for (const std::string& text : {std::string("\xff\xfe"), std::string("a\0b", 3)}) {
     JobRecord job;
     job.map = "town";
     job.kind = "ingest";
