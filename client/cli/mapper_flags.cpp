@@ -10,6 +10,9 @@
 #ifdef CELLMAP_WITH_PCL
 #include "cellmap/pcl/scan_file.hpp"
 #endif
+#ifdef CELLMAP_WITH_ROSBAG
+#include "cellmap/rosbag/bag_drive.hpp"
+#endif
 
 namespace cellmap::cli {
 namespace {
@@ -24,6 +27,17 @@ ScanFileReader pcl_reader() {
   return pcl_io::read_scan_file;
 #else
   return {};
+#endif
+}
+
+std::unique_ptr<ScanSource> open_bag(const DriveFlags& flags) {
+#ifdef CELLMAP_WITH_ROSBAG
+  return ros_bag::open_bag(flags.dataset, {flags.topic, flags.odometry_topic, flags.poses});
+#else
+  throw Error(ErrorCode::kUnsupported,
+              flags.dataset +
+                  ": this program reads no ROS bags: install librosbag-storage-dev "
+                  "and build it again, or export the scans as .pcd");
 #endif
 }
 
@@ -111,7 +125,12 @@ PoseFrame DriveFlags::frame() const {
 }
 
 std::unique_ptr<ScanSource> DriveFlags::open() const {
-  auto drive = open_dataset(dataset, {poses, frame(), pcl_reader()});
+  const bool is_bag = std::filesystem::path(dataset).extension() == ".bag";
+  if (!is_bag && !(topic.empty() && odometry_topic.empty())) {
+    throw Error(ErrorCode::kInvalidArgument,
+                dataset + ": --topic and --odometry-topic belong to a .bag");
+  }
+  auto drive = is_bag ? open_bag(*this) : open_dataset(dataset, {poses, frame(), pcl_reader()});
   if (first_scan == 0 && scans == 0) return drive;
   return part_of_drive(std::move(drive), first_scan, scans);
 }
@@ -121,6 +140,7 @@ std::string DriveFlags::session_name() const {
   std::filesystem::path folder(dataset);
   if (!folder.has_filename()) folder = folder.parent_path();
   if (folder == "." || folder == "..") folder = std::filesystem::canonical(folder);
+  if (folder.extension() == ".bag") folder.replace_extension();
   std::string name = folder.filename().string().substr(0, 64);
   std::replace_if(
       name.begin(), name.end(),
@@ -129,11 +149,19 @@ std::string DriveFlags::session_name() const {
 }
 
 void add_drive_flags(CLI::App& verb, DriveFlags& flags) {
-  verb.add_option("DATASET", flags.dataset,
-                  "Folder of the drive: KITTI odometry, or .bin/.pcd/.ply scans with a trajectory")
+  verb.add_option(
+          "DATASET", flags.dataset,
+          "Folder of the drive: KITTI odometry, or .bin/.pcd/.ply scans with a trajectory; or a "
+          "ROS 1 .bag")
       ->required();
   verb.add_option("--poses", flags.poses,
-                  "Odometry, KITTI or TUM format (default: poses.txt of the folder)");
+                  "Odometry, KITTI or TUM format (default: poses.txt of the folder, a bag's own)");
+  verb.add_option("--topic", flags.topic,
+                  "Of a bag's scans, sensor_msgs/PointCloud2 (default: the only one)");
+  verb.add_option(
+      "--odometry-topic", flags.odometry_topic,
+      "Of a bag's odometry, nav_msgs/Odometry or geometry_msgs/PoseStamped (default: the "
+      "only one)");
   verb.add_option(
           "--pose-frame", flags.pose_frame,
           "Frame of KITTI poses: auto, camera or sensor; auto takes camera for the folder's own "

@@ -30,6 +30,7 @@ void add_mapper_flags(CLI::App& verb, MapperFlags& flags);
 /// Which drive, and in which frame its poses are: shared by `build` and `ingest`.
 struct DriveFlags {
   std::string dataset, poses, pose_frame = "auto", session;
+  std::string topic, odometry_topic;      ///< of a bag
   std::size_t first_scan = 0, scans = 0;  ///< a part of the drive
 
   PoseFrame frame() const;

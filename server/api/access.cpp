@@ -27,6 +27,8 @@ constexpr auto kRead = Scope::kMapRead, kWrite = Scope::kMapWrite;
 constexpr std::array kTable{
     Row{"GET", "/", kOpen},
     Row{"GET", "/assets/{file}", kOpen},
+    Row{"GET", "/api", kOpen},
+    Row{"GET", "/api/", kOpen},
     Row{"GET", "/healthz", kOpen},
     Row{"GET", "/readyz", kOpen},
     Row{"GET", "/openapi.yaml", kOpen},

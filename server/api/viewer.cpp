@@ -12,7 +12,8 @@
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
-// GET / and /assets/{file}: the viewer, or a page that says how to build it.
+// GET /, /assets/{file} and /api/: the viewer and the API reference, or a page that says how to
+// build them.
 
 namespace cellmap::server {
 namespace {
@@ -42,7 +43,7 @@ body { font: 1rem/1.5 system-ui, sans-serif; max-width: 40rem; margin: 3rem auto
 (or name its folder: <code>cellmapd --viewer DIR</code>).</p>
 <ul>
 <li><a href="/v1/maps">Maps</a></li>
-<li><a href="/openapi.yaml">The API (OpenAPI 3.1)</a></li>
+<li><a href="/openapi.yaml">The API (OpenAPI 3.1)</a>; its reference comes with the viewer</li>
 <li><a href="/metrics">Metrics</a></li>
 <li><a href="/healthz">Health</a> and <a href="/readyz">readiness</a></li>
 </ul>
@@ -137,7 +138,11 @@ ViewerFiles read_viewer(const fs::path& folder) try {
                                           "makes them.");
   }
   read_folder(folder, "", files, bytes);
-  if (fs::is_directory(folder / "assets")) read_folder(folder / "assets", "assets/", files, bytes);
+  for (const char* name : {"assets", "api"}) {
+    if (fs::is_directory(folder / name)) {
+      read_folder(folder / name, std::string(name) + "/", files, bytes);
+    }
+  }
   return files;
 } catch (const fs::filesystem_error& error) {
   throw Error(ErrorCode::kIo, "Cannot read the viewer: " + std::string(error.what()) + ".");
@@ -156,6 +161,21 @@ void add_viewer_routes(Router& router, Services& services) {
                   return problem(ErrorCode::kNotFound, "The viewer has no file of this name.");
                 }
                 return send_file(call, file->second, "public, max-age=31536000, immutable");
+              }});
+  router.add({"GET", "/api/", {}, 0, {"text/html"}, [files](const Call& call) {
+                const auto page = files->find("api/index.html");
+                if (page == files->end()) {
+                  return problem(ErrorCode::kNotFound,
+                                 "The API reference is built with the viewer: cmake --build "
+                                 "--preset release --target web. /openapi.yaml says the same.");
+                }
+                return send_file(call, page->second, "no-cache");
+              }});
+  router.add({"GET", "/api", {}, 0, {}, [](const Call&) {
+                Response response;
+                response.status = 308;
+                response.headers.set("Location", "api/");
+                return response;
               }});
 }
 

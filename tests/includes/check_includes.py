@@ -31,17 +31,20 @@ ROOMS = {
     "export": ["core", "geometry", "cell", "place"],
     "simulation": ["core", "geometry", "scan"],
     "pcl": ["core", "geometry", "evaluation"],
+    "rosbag": ["core", "geometry", "scan"],
     "auth": ["core"],
     "server": ["auth", "core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
                "change", "pipeline", "codec", "store", "archive", "document"],
     "client": ["auth", "core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map",
-               "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "export", "simulation", "pcl"],
+               "change", "pipeline", "codec", "store", "archive", "document", "evaluation", "export", "simulation", "pcl",
+               "rosbag"],
 }
 
 # vendor header -> rooms that may include it
 VENDORS = {
     r"ceres/|omp\.h": ["pose_graph"],
     r"pcl/": ["pcl"],
+    r"rosbag/|roslz4/|ros/": ["rosbag"],
     r"(oneapi/)?tbb/": ["core"],
     r"hwy/": ["simd"],
     r"openssl/": ["core"],
@@ -61,7 +64,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|libpq-fe|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|rosbag/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|libpq-fe|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 

@@ -14,6 +14,7 @@ class ApiViewer : public ApiTest {
     folder_.write("viewer/index.html", "<!doctype html><title>viewer</title>");
     folder_.write("viewer/assets/app-1a2b.js", std::string(1000, ';'));
     folder_.write("viewer/assets/app-1a2b.css", "body { margin: 0 }");
+    folder_.write("viewer/api/index.html", "<!doctype html><title>reference</title>");
     folder_.write("secret.js", "secret");
     std::filesystem::create_symlink(folder_ / "secret.js", folder_ / "viewer/assets/link.js");
     start_with(folder_ / "viewer");
@@ -30,6 +31,21 @@ TEST_F(ApiViewer, WithoutAViewerThePageSaysHowToBuildIt) {
   EXPECT_EQ(page.status, 200);
   EXPECT_THAT(std::string(body_view(page)), HasSubstr("--target web"));
   expect_problem(get("/assets/app-1a2b.js"), 404, "not-found");
+  expect_problem(get("/api/"), 404, "not-found");
+}
+
+TEST_F(ApiViewer, TheReferenceOfTheApiHasAnAddressThatCanBeGuessed) {
+  start_with_viewer();
+  const auto page = get("/api/");
+  EXPECT_THAT(std::string(body_view(page)), HasSubstr("reference"));
+  EXPECT_EQ(page.headers.get("Content-Type"), "text/html; charset=utf-8");
+  EXPECT_EQ(page.headers.get("Cache-Control"), "no-cache");
+  EXPECT_THAT(page.headers.get("Content-Security-Policy").value_or(""),
+              HasSubstr("default-src 'none'"));
+  EXPECT_EQ(get("/api/", {{"If-None-Match", *page.headers.get("ETag")}}).status, 304);
+  const auto without_slash = get("/api");
+  EXPECT_EQ(without_slash.status, 308);
+  EXPECT_EQ(without_slash.headers.get("Location"), "api/");
 }
 
 TEST_F(ApiViewer, ThePageIsAskedForAgainAndAllowsOnlyThisServer) {

@@ -100,7 +100,7 @@ class Checker:
     def check_body(self, exchange, response, where):
         documented = response.get("content", {})
         content_type = exchange["headers"].get("Content-Type", "").split(";")[0]
-        if exchange["status"] in (204, 304):
+        if exchange["status"] in (204, 304, 308):
             return
         if content_type not in documented:
             self.errors.add(f"{where}: Content-Type '{content_type}' is not documented")

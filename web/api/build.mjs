@@ -1,4 +1,4 @@
-// Writes the API reference into public/assets, named by its content, and its address for the viewer's header.
+// Writes the API reference: public/api/index.html, and its stylesheet into public/assets, named by its content.
 import { createHash } from "node:crypto";
 import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
@@ -7,13 +7,12 @@ import { parse } from "yaml";
 import { renderApi } from "./render.mjs";
 
 const source = join(process.env.CELLMAP_SOURCE_DIR, "schema/openapi.yaml");
-const named = (content, suffix) => `api-${createHash("sha256").update(content).digest("hex").slice(0, 8)}.${suffix}`;
 
 const style = readFileSync("api/style.css", "utf8");
-const page = renderApi(parse(readFileSync(source, "utf8"), { merge: true }), named(style, "css"));
+const styleName = `api-${createHash("sha256").update(style).digest("hex").slice(0, 8)}.css`;
+const page = renderApi(parse(readFileSync(source, "utf8"), { merge: true }), `../assets/${styleName}`);
 rmSync("public", { recursive: true, force: true });
 mkdirSync("public/assets", { recursive: true });
-mkdirSync("schema", { recursive: true });
-writeFileSync(join("public/assets", named(style, "css")), style);
-writeFileSync(join("public/assets", named(page, "html")), page);
-writeFileSync("schema/apiPage.ts", `export const API_PAGE = ${JSON.stringify(`assets/${named(page, "html")}`)};\n`);
+mkdirSync("public/api");
+writeFileSync(join("public/assets", styleName), style);
+writeFileSync("public/api/index.html", page);

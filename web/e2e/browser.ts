@@ -59,10 +59,18 @@ export class Browser {
 }
 
 /** What tests see of the scene that the page puts on `window`. */
+interface Point {
+  clone(): { set(x: number, y: number, z: number): unknown };
+}
 interface SceneOnWindow {
   cellmapScene: {
     figures(): { patches: number; loaded: number; wanted: number };
-    stage: { renderer: { render(a: unknown, b: unknown): void; getContext(): WebGL2RenderingContext }; scene: unknown; camera: unknown };
+    stage: {
+      renderer: { render(a: unknown, b: unknown): void; getContext(): WebGL2RenderingContext };
+      scene: unknown;
+      camera: { position: Point };
+      project(point: unknown): { x: number; y: number } | null;
+    };
   };
 }
 
@@ -77,6 +85,21 @@ export async function loaded(page: Page): Promise<void> {
     undefined,
     { timeout: 120_000 },
   );
+}
+
+/** CELLs in sight. */
+export async function cellsInSight(page: Page): Promise<number> {
+  return page.evaluate(() => (window as unknown as SceneOnWindow).cellmapScene.figures().wanted);
+}
+
+/** Clicks on the picture half-way between two points of the map. */
+export async function clickBetween(page: Page, from: number[], to: number[]): Promise<void> {
+  const at = await page.evaluate(([a, b]) => {
+    const { stage } = (window as unknown as SceneOnWindow).cellmapScene;
+    const [p, q] = [a!, b!].map(([x, y, z]) => stage.project(stage.camera.position.clone().set(x!, y!, z!))!);
+    return { x: (p!.x + q!.x) / 2, y: (p!.y + q!.y) / 2 };
+  }, [from, to]);
+  await page.locator("canvas").click({ position: at });
 }
 
 /** Every 7th pixel of the canvas, drawn anew: how many colours it has, and a number that names the picture. */

@@ -37,6 +37,15 @@ export class Town {
     return join(this.folder, "drive/velodyne", `${String(index).padStart(6, "0")}.bin`);
   }
 
+  /** A new token; `cellmapd --tokens` reads `tokens`. */
+  token(name: string, ...scopes: string[]): string {
+    return execFileSync(cellmap, ["token", "create", name, "--tokens", this.tokens, "--scope", scopes.join(",")], { encoding: "utf8" }).trim();
+  }
+
+  get tokens(): string {
+    return join(this.folder, "tokens");
+  }
+
   /** The same store with the map as it was made. */
   copy(name: string): string {
     const to = join(this.folder, name);
@@ -80,6 +89,13 @@ export class Cellmapd {
   async json<T>(path: string, init?: RequestInit): Promise<T> {
     const response = await fetch(this.url + path, { headers: { "Content-Type": "application/json" }, ...init });
     return (await response.json()) as T;
+  }
+
+  /** How many requests it has answered with a single CELL. */
+  async cellRequests(): Promise<number> {
+    const metrics = await (await fetch(`${this.url}/metrics`)).text();
+    const counts = metrics.matchAll(/^http_requests_total\{[^}]*route="\/v1\/maps\/\{map\}\/cells\/\{cell\}"[^}]*\} (\d+)$/gm);
+    return [...counts].reduce((sum, [, count]) => sum + Number(count), 0);
   }
 
   async stop(): Promise<void> {

@@ -1,45 +1,22 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import type { Page } from "playwright-core";
-import { afterAll, afterEach, beforeAll, beforeEach, describe, expect, test } from "vitest";
+import { describe, expect, test } from "vitest";
 
-import { Browser, loaded, picture, screenshot } from "./browser";
-import { Cellmapd, Town } from "./cellmapd";
+import { loaded, picture, screenshot } from "./browser";
+import { Cellmapd } from "./cellmapd";
+import { useFixture } from "./fixture";
 
-let town: Town;
-let server: Cellmapd;
-let browser: Browser;
-let page: Page;
-
-beforeAll(async () => {
-  town = new Town();
-  town.secondDay();
-  server = await Cellmapd.start(town.store);
-  browser = await Browser.open();
-});
-afterAll(async () => {
-  await browser?.close();
-  await server?.stop();
-  town?.remove();
-});
-beforeEach(async () => {
-  browser.complaints.length = 0;
-  page = await browser.page();
-});
-afterEach(() => page.close());
-
-async function openMap(hash: string, query = ""): Promise<void> {
-  await page.goto(`${server.url}/?budget=6000${query}${hash}`);
-  await loaded(page);
-}
+const viewer = useFixture({ secondDay: true });
 
 describe("trajectories", () => {
   test("a drive is plotted before and after, and against the truth", async () => {
-    await openMap("#/town?tab=drive");
+    const { page } = viewer;
+    await viewer.openMap("#/town?tab=drive");
     const sheet = page.getByRole("region", { name: "Trajectories" });
     await sheet.getByText(/Correction along the way/).waitFor();
     expect(await sheet.locator("polyline.drive").count()).toBe(3);
-    await page.locator('input[type="file"][accept*=".tum"]').setInputFiles(join(town.folder, "drive/poses_gt.txt"));
+    await page.locator('input[type="file"][accept*=".tum"]').setInputFiles(join(viewer.town.folder, "drive/poses_gt.txt"));
     const heading = sheet.getByText(/Error along the way: rms .* before, .* after/);
     await heading.waitFor();
     const [before, after] = (await heading.textContent())!.match(/([\d.]+) (?=cm|m\b)/g)!.map(parseFloat);
@@ -47,23 +24,25 @@ describe("trajectories", () => {
     expect(after).toBeGreaterThan(0);
     expect(await sheet.locator("polyline.drive").count()).toBe(5);
     await screenshot(page, "20-trajectory");
-    expect(browser.complaints).toEqual([]);
+    expect(viewer.complaints()).toEqual([]);
   });
 
   test("a file that is no trajectory is refused with a reason", async () => {
-    await openMap("#/town?tab=drive");
+    const { page } = viewer;
+    await viewer.openMap("#/town?tab=drive");
     await page.locator('input[type="file"][accept*=".tum"]').setInputFiles({ name: "x.txt", mimeType: "text/plain", buffer: Buffer.from("1 2 3") });
     await page.getByText(/Expected a trajectory/).waitFor();
-    expect(browser.complaints).toEqual([]);
+    expect(viewer.complaints()).toEqual([]);
   });
 });
 
 describe("comparison", () => {
   test("without one the page says how to make it, with one it is plotted and listed", async () => {
-    await openMap("#/town?tab=compare");
+    const { page } = viewer;
+    await viewer.openMap("#/town?tab=compare");
     await page.getByText("No comparison yet").waitFor();
     await screenshot(page, "21-no-comparison");
-    await server.json("/v1/maps/town/comparison", { method: "PUT", body: JSON.stringify(comparison()) });
+    await viewer.server.json("/v1/maps/town/comparison", { method: "PUT", body: JSON.stringify(comparison()) });
     await page.reload();
     const sheet = page.getByRole("region", { name: "Comparison" });
     await sheet.getByRole("img", { name: /3 kinds of map/ }).waitFor();
@@ -72,7 +51,7 @@ describe("comparison", () => {
     expect(await sheet.getByRole("row", { name: /published/ }).textContent()).toContain("-");
     await screenshot(page, "22-comparison");
     // The missing one is asked for with 404, which the browser itself writes to its console.
-    expect(browser.complaints.filter((text) => !text.includes("404"))).toEqual([]);
+    expect(viewer.complaints("404")).toEqual([]);
   });
 });
 
@@ -93,17 +72,19 @@ function comparison(): unknown {
 
 describe("time", () => {
   test("the map plays from its beginning to now", async () => {
-    await openMap("#/town");
+    const { page } = viewer;
+    await viewer.openMap("#/town");
     await page.getByRole("button", { name: "Play" }).click();
     await page.getByText(/as it was at revision \d/).waitFor();
     await screenshot(page, "23-playing");
     await page.getByRole("button", { name: "Play" }).waitFor({ timeout: 120_000 });
     await page.getByText("The map as it is.").waitFor();
-    expect(browser.complaints).toEqual([]);
+    expect(viewer.complaints()).toEqual([]);
   });
 
   test("CELLs are coloured by their age, and patches by what changed between two drives", async () => {
-    await openMap("#/town?colour=age");
+    const { page } = viewer;
+    await viewer.openMap("#/town?colour=age");
     const age = await picture(page);
     expect(age.colours).toBeGreaterThan(50);
     await screenshot(page, "24-age");
@@ -115,64 +96,70 @@ describe("time", () => {
     await page.getByRole("button", { name: /vanished at|appeared at/ }).first().click();
     await loaded(page);
     await screenshot(page, "25-change");
-    expect(browser.complaints).toEqual([]);
+    expect(viewer.complaints()).toEqual([]);
   });
 });
 
 describe("thin links", () => {
   test("CELLs travel coded, far ones as their coarse layer, and the picture is there all the same", async () => {
+    const { page } = viewer;
     let [raw, coarse, bytes] = [0, 0, 0];
     page.on("request", (request) => {
       if (request.url().includes("cells:batch")) ++raw;
       if (request.headers().accept?.includes("layers=coarse")) ++coarse;
     });
     page.on("response", async (response) => {
-      if (/\/cells\/\d+$/.test(response.url())) bytes += Number((await response.allHeaders())["content-length"] ?? 0);
+      if (/\/cells\/\d+\?hash=/.test(response.url())) bytes += Number((await response.allHeaders())["content-length"] ?? 0);
     });
-    await openMap("#/town?view=0,-120,110,20,0,0", "&cells=coded");
+    await viewer.openMap("#/town?view=0,-120,110,20,0,0", { query: "&cells=coded" });
     expect((await picture(page)).colours).toBeGreaterThan(50);
     expect(raw).toBe(0);
     expect(coarse).toBeGreaterThan(3);
-    const { cells, encoded_bytes } = await server.json<{ cells: number; encoded_bytes: number }>("/v1/maps/town");
+    const { cells, encoded_bytes } = await viewer.server.json<{ cells: number; encoded_bytes: number }>("/v1/maps/town");
     expect(bytes).toBeLessThan((encoded_bytes / cells) * coarse * 0.1);
     await page.locator("canvas").focus();
-    await openMap("#/town?view=0,-12,9,4,0,0&cell=2", "&cells=coded");
+    await viewer.openMap("#/town?view=0,-12,9,4,0,0&cell=2", { query: "&cells=coded" });
     await loaded(page);
     await screenshot(page, "26-coded");
-    expect(browser.complaints).toEqual([]);
+    expect(viewer.complaints()).toEqual([]);
   });
 });
 
-describe("tokens", () => {
-  test("a server that wants a token is given one, for this tab", async () => {
-    const seen: (string | undefined)[] = [];
-    await page.route("**/v1/**", async (route) => {
-      const sent = route.request().headers().authorization;
-      seen.push(sent);
-      if (sent === "Bearer s3cret") return route.continue();
-      await route.fulfill({ status: 401, contentType: "application/problem+json", body: JSON.stringify({ code: "unauthenticated", detail: "no token" }) });
-    });
-    await page.goto(`${server.url}/?budget=6000#/town`);
-    await page.getByRole("heading", { name: "This server asks who you are" }).waitFor();
-    await screenshot(page, "27-token");
-    await page.getByLabel("Token", { exact: true }).last().fill("wrong");
-    await page.getByRole("button", { name: "Continue" }).click();
-    await page.getByRole("heading", { name: /does not take this token/ }).waitFor();
-    await page.locator("#token").fill("s3cret");
-    await page.getByRole("button", { name: "Continue" }).click();
+describe("CELLs by their hash", () => {
+  test("a page that is loaded again asks for no CELL that it had", async () => {
+    const { page, town } = viewer;
+    const ours = await Cellmapd.start(town.copy("again.db"));
+    await viewer.openMap("#/town", { url: ours.url, query: "&cells=coded" });
+    const once = await ours.cellRequests();
+    expect(once).toBeGreaterThan(3);
+    await page.reload();
     await loaded(page);
-    expect(seen.filter((sent) => sent === "Bearer s3cret").length).toBeGreaterThan(4);
-    await page.getByRole("link", { name: /all maps/ }).click();
-    await page.getByRole("link", { name: /town/ }).waitFor();
-    const other = await browser.page();
-    expect(await other.evaluate(() => sessionStorage.length).catch(() => 0)).toBe(0);
-    await other.close();
+    expect(await ours.cellRequests()).toBe(once);
+    expect((await picture(page)).colours).toBeGreaterThan(50);
+    await ours.stop();
+    expect(viewer.complaints()).toEqual([]);
+  });
+
+  test("a CELL that became another one is asked for anew", async () => {
+    const { page, town } = viewer;
+    const ours = await Cellmapd.start(town.copy("converted.db"));
+    await viewer.openMap("#/town", { url: ours.url, query: "&cells=coded" });
+    const asked: string[] = [];
+    page.on("request", (request) => asked.push(request.url()));
+    await ours.json("/v1/maps/town/convert", { method: "POST", body: JSON.stringify({ encoding: "compact", bound_m: 0.02 }) });
+    const { cells } = await ours.json<{ cells: unknown[] }>("/v1/maps/town/cells");
+    await expect.poll(() => asked.filter((url) => url.includes("?hash=")).length, { timeout: 60_000 }).toBeGreaterThanOrEqual(cells.length);
+    await loaded(page);
+    expect(await page.getByRole("alert").count()).toBe(0);
+    await ours.stop();
+    expect(viewer.complaints("404")).toEqual([]);
   });
 });
 
 describe("by keyboard and for ears", () => {
   test("tabs are walked by arrows, every control has a name, and the light theme has contrast", async () => {
-    await openMap("#/town");
+    const { page } = viewer;
+    await viewer.openMap("#/town");
     await page.getByRole("tab", { name: "Map" }).focus();
     for (const name of ["Loops", "Drives", "Where am I?", "Jobs", "Compare"]) {
       await page.keyboard.press("ArrowRight");
@@ -225,16 +212,21 @@ async function contrast(page: Page, text: string, ground: string): Promise<numbe
   );
 }
 
-test("the API reference is served, with its stylesheet, under the same policy", async () => {
-  await page.goto(server.url);
+test("the API reference is served at /api/, with its stylesheet, under the same policy", async () => {
+  const { page } = viewer;
+  await page.goto(viewer.server.url);
   await page.getByRole("link", { name: "API" }).click();
   await page.getByRole("heading", { name: /CELLmap API/ }).waitFor();
+  expect(new URL(page.url()).pathname).toBe("/api/");
   await page.getByRole("link", { name: "relocalise" }).first().click();
   expect(new URL(page.url()).hash).toBe("#relocalise");
   expect(await page.evaluate(() => getComputedStyle(document.querySelector("main")!).paddingLeft)).toBe("32px");
   await page.evaluate(() => scrollTo(0, 0));
   await screenshot(page, "28-api");
-  expect(browser.complaints).toEqual([]);
+  await page.goto(`${viewer.server.url}/api`);
+  await page.getByRole("link", { name: "CELLmap", exact: true }).click();
+  await page.getByRole("link", { name: /town/ }).waitFor();
+  expect(viewer.complaints()).toEqual([]);
 });
 
 test("the page stays below 300 kB compressed", async () => {

@@ -1,7 +1,7 @@
 // Elements without a framework.
 
 type Attributes = Record<string, string | number | boolean | EventListener | undefined>;
-type Child = Node | string | null | undefined | false;
+export type Child = Node | string | null | undefined | false;
 
 /** An element; attributes that are functions are listeners ("onclick"), `true` is an empty attribute. */
 export function h<K extends keyof HTMLElementTagNameMap>(tag: K, attributes: Attributes = {}, ...children: Child[]): HTMLElementTagNameMap[K] {

@@ -1,5 +1,4 @@
 import { h, replace } from "./dom";
-import { API_PAGE } from "@schema/apiPage";
 import { BlobSource, HttpSource } from "./format/byteSource";
 import { archiveOf, formatRoute, parseRoute, type Route } from "./route";
 import { initialTheme, setTheme } from "./theme";
@@ -91,7 +90,7 @@ document.querySelector("#app")!.append(
     h("a", { class: "brand", href: formatRoute(parseRoute("")), "aria-label": "CELLmap: all maps" }, h("img", { src: iconUrl, alt: "" }), "CELLmap"),
     where,
     h("div", { class: "space" }),
-    h("a", { class: "note", href: API_PAGE }, "API"),
+    h("a", { class: "note", href: "api/" }, "API"),
     themeButton,
   ),
   main,

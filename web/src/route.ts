@@ -13,9 +13,11 @@ export interface Route {
   loop: number | null;
   colouring: Colouring;
   view: View | null;
+  /** The map as it was; null: as it is. */
+  revision: number | null;
 }
 
-const EMPTY: Route = { map: null, tab: "map", cell: null, loop: null, colouring: "normal", view: null };
+const EMPTY: Route = { map: null, tab: "map", cell: null, loop: null, colouring: "normal", view: null, revision: null };
 
 /** Names of maps hold no colon, so `archive:URL` and `file:NAME` in their place are archives. */
 export function archiveOf(map: string | null): { kind: "url" | "file"; name: string } | null {
@@ -48,16 +50,18 @@ export function parseRoute(hash: string): Route {
     loop: readId(parameters.get("loop")),
     colouring: oneOf(COLOURS, parameters.get("colour"), "normal"),
     view: readView(parameters.get("view")),
+    revision: readId(parameters.get("revision")),
   };
 }
 
-export function formatRoute({ map, tab, cell, loop, colouring, view }: Route): string {
+export function formatRoute({ map, tab, cell, loop, colouring, view, revision }: Route): string {
   if (map === null) return "#/";
   const parameters = new URLSearchParams();
   if (tab !== "map") parameters.set("tab", tab);
   if (cell !== null) parameters.set("cell", String(cell));
   if (loop !== null) parameters.set("loop", String(loop));
   if (colouring !== "normal") parameters.set("colour", colouring);
+  if (revision !== null) parameters.set("revision", String(revision));
   if (view) parameters.set("view", [...view.eye, ...view.target].map((x) => (Math.round(10 * x) / 10 + 0).toFixed(1)).join(","));
   const query = parameters.toString().replaceAll("%2C", ",");
   return `#/${encodeURIComponent(map)}${query ? `?${query}` : ""}`;

@@ -3,7 +3,7 @@ import { expect, test } from "vitest";
 import { formatRoute, parseRoute } from "../src/route";
 
 test("a link brings back what was seen", () => {
-  const route = parseRoute("#/town?tab=graph&loop=5&cell=12&colour=height&view=1,2,3,4,5.5,-6");
+  const route = parseRoute("#/town?tab=graph&loop=5&cell=12&colour=height&view=1,2,3,4,5.5,-6&revision=7");
   expect(route).toEqual({
     map: "town",
     tab: "graph",
@@ -11,6 +11,7 @@ test("a link brings back what was seen", () => {
     cell: 12,
     colouring: "height",
     view: { eye: [1, 2, 3], target: [4, 5.5, -6] },
+    revision: 7,
   });
   expect(parseRoute(formatRoute(route))).toEqual(route);
 });
@@ -20,8 +21,8 @@ test.each(["map", "graph", "drive", "locate", "jobs", "compare"])("the tab %s ha
 });
 
 test("what is not understood is left at its default", () => {
-  const route = parseRoute("#/town?tab=x&loop=-1&cell=1e9&colour=<b>&view=1,2,NaN,4,5,6");
-  expect(route).toEqual({ map: "town", tab: "map", loop: null, cell: null, colouring: "normal", view: null });
+  const route = parseRoute("#/town?tab=x&loop=-1&cell=1e9&colour=<b>&view=1,2,NaN,4,5,6&revision=-3");
+  expect(route).toEqual({ map: "town", tab: "map", loop: null, cell: null, colouring: "normal", view: null, revision: null });
   expect(parseRoute("").map).toBeNull();
   expect(formatRoute(parseRoute(""))).toBe("#/");
 });

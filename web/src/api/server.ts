@@ -1,33 +1,11 @@
 import { type Changes, readChanges } from "../format/changes";
 import { type PoseGraph, readPoseGraph } from "../format/poseGraph";
 import type { CellSummary, Comparison, Job, LoopExplanation, MapSummary, Relocalisation, Session, SessionDiff } from "./documents";
+import { ask as askAnyone, ServerError } from "./ask";
 import { followEvents } from "./eventStream";
 import { authorisation } from "./token";
 
-/** What the server answered instead of what was asked for; status 0: it did not answer. */
-export class ServerError extends Error {
-  constructor(
-    readonly status: number,
-    readonly code: string,
-    message: string,
-  ) {
-    super(message);
-    this.name = "ServerError";
-  }
-}
-
-async function ask(path: string, init?: RequestInit): Promise<Response> {
-  let response: Response;
-  try {
-    response = await fetch(path, { ...init, headers: { ...init?.headers, ...authorisation(path) } });
-  } catch (error) {
-    if ((error as Error).name === "AbortError") throw error;
-    throw new ServerError(0, "unavailable", "The server does not answer. Is cellmapd still running?");
-  }
-  if (response.ok) return response;
-  const problem = await response.json().catch(() => ({}));
-  throw new ServerError(response.status, problem.code ?? "internal", problem.detail ?? `The server answered ${response.status}.`);
-}
+const ask = (path: string, init?: RequestInit): Promise<Response> => askAnyone(path, { ...init, headers: { ...init?.headers, ...authorisation(path) } });
 
 const json = async <T>(path: string, init?: RequestInit): Promise<T> => (await ask(path, init)).json() as Promise<T>;
 
@@ -53,7 +31,7 @@ export class MapApi {
     this.base = `v1/maps/${encodeURIComponent(name)}`;
   }
 
-  /** Where its CELLs are fetched: one below it by its number, several with `:batch` behind it. */
+  /** Below it are its CELLs, each by its number. */
   get cellsUrl(): string {
     return new URL(`${this.base}/cells`, location.href).href;
   }

@@ -2,6 +2,7 @@ import type { SessionDiff } from "../api/documents";
 import { announce, h, replace, swatch } from "../dom";
 import type { CellChange } from "../scene/patchLayer";
 import { count } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 const MOST_REGIONS = 30;
@@ -26,7 +27,7 @@ export function changeBox(context: MapContext): Panel {
       announce(`${count(diff.regions.length, "place")} changed`);
       replace(answer, h("p", {}, `${count(diff.regions.length, "place")} changed, in ${count(diff.pairs, "pair")} of CELLs.`), regions(diff));
     } catch (error) {
-      replace(answer, h("div", { class: "box error", role: "alert" }, (error as Error).message));
+      replace(answer, trouble(error as Error, () => void ask(earlier, later)));
     }
   };
   const regions = (diff: SessionDiff): HTMLElement =>

@@ -2,6 +2,7 @@ import type { Comparison, ComparisonRow } from "../api/documents";
 import { h, replace } from "../dom";
 import { plotFrame, svg } from "../plot";
 import { count, large, metres } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 type Placed = ComparisonRow & { bytes_per_m: number; registration_error_m: number };
@@ -48,8 +49,7 @@ export class ComparePanel implements Panel {
       if (comparison) this.show(comparison);
       else this.showNothing();
     } catch (error) {
-      const retry = h("button", { type: "button", onclick: () => void this.load() }, "Try again");
-      replace(this.element, h("div", { class: "box error", role: "alert" }, h("p", {}, (error as Error).message), retry));
+      replace(this.element, trouble(error as Error, () => void this.load()));
     }
   }
 

@@ -4,6 +4,7 @@ import { h, replace } from "../dom";
 import { bestFit, distances, errors, readTrajectory, rms, type Trajectory } from "../model/trajectory";
 import { line, type Plot, plotFrame } from "../plot";
 import { count, metres } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 interface Drive {
@@ -53,7 +54,7 @@ export class DrivePanel implements Panel {
       replace(this.message);
       this.draw(this.drive);
     } catch (error) {
-      replace(this.message, h("div", { class: "box error", role: "alert" }, (error as Error).message));
+      replace(this.message, trouble(error as Error, () => void this.load()));
     }
   }
 

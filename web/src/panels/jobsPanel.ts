@@ -1,6 +1,7 @@
 import type { Job } from "../api/documents";
 import { h, replace } from "../dom";
 import { count, duration, percent } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 const isLive = (job: Job): boolean => job.state === "queued" || job.state === "running";
@@ -10,12 +11,13 @@ const HISTORY = 120;
 export class JobsPanel implements Panel {
   readonly element = h("div");
   private readonly list = h("div");
+  private readonly message = h("div");
   private readonly jobs = new Map<number, Job>();
   private readonly speeds = new Map<number, number[]>();
   private readonly following = new Map<number, () => void>();
 
   constructor(private readonly context: MapContext) {
-    this.element.append(this.startForm(), h("h3", {}, "Jobs"), this.list);
+    this.element.append(this.startForm(), h("h3", {}, "Jobs"), this.message, this.list);
     void this.load();
   }
 
@@ -30,7 +32,7 @@ export class JobsPanel implements Panel {
       for (const job of await this.context.api!.jobs()) this.take(job);
       this.draw();
     } catch (error) {
-      replace(this.list, h("div", { class: "box error", role: "alert" }, (error as Error).message));
+      replace(this.list, trouble(error as Error, () => void this.load()));
     }
   }
 
@@ -75,8 +77,13 @@ export class JobsPanel implements Panel {
   }
 
   private async cancel(id: number): Promise<void> {
-    await this.context.api!.cancelJob(id).catch(() => undefined);
-    void this.load();
+    replace(this.message);
+    try {
+      await this.context.api!.cancelJob(id);
+      await this.load();
+    } catch (error) {
+      replace(this.message, trouble(error as Error, () => void this.cancel(id)));
+    }
   }
 
   private startForm(): HTMLElement {
@@ -89,20 +96,22 @@ export class JobsPanel implements Panel {
       h("label", { class: "field" }, h("span", {}, "Folder of the drive, on the server (below a --data-root)"), path),
       h("label", { class: "field" }, h("span", {}, "Session (its name in the map; else the folder's)"), session),
       h("div", { class: "actions" }, h("button", { class: "primary", type: "submit" }, "Start ingest")),
-      message,
     );
-    form.addEventListener("submit", (event) => {
-      event.preventDefault();
+    const start = (): void => {
       this.context.api!.startIngest(path.value.trim(), session.value.trim()).then(
         (job) => {
           replace(message);
           this.take(job);
           this.draw();
         },
-        (error: Error) => replace(message, h("div", { class: "box error", role: "alert" }, error.message)),
+        (error: Error) => replace(message, trouble(error, start)),
       );
+    };
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      start();
     });
-    return h("details", {}, h("summary", {}, "Map another drive"), form);
+    return h("details", {}, h("summary", {}, "Map another drive"), form, message);
   }
 }
 

@@ -1,9 +1,11 @@
 import type { Place, Relocalisation } from "../api/documents";
+import { ServerError } from "../api/ask";
 import { announce, facts, h, replace } from "../dom";
 import { readScan } from "../format/scan";
 import { matrixOfArray, yawDeg } from "../scene/poses";
 import { thinnedPoints } from "../scene/scanLayer";
 import { count, metres, percent } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 const MAX_BYTES = 32 << 20;
@@ -66,7 +68,7 @@ export class LocatePanel implements Panel {
     } catch (error) {
       if (asked !== this.asked) return;
       this.context.scene?.showScan(null, null, false);
-      replace(this.answer, h("div", { class: "box error", role: "alert" }, h("p", {}, (error as Error).message)));
+      replace(this.answer, trouble(error as Error, error instanceof ServerError ? () => void this.locate(file) : undefined));
     }
   }
 

@@ -3,6 +3,7 @@ import { announce, facts, h, replace, swatch } from "../dom";
 import { type Verdict, verdictOf } from "../model/mapModel";
 import { VERDICT_COLOURS } from "../scene/graphLayer";
 import { count, metres, percent } from "../text";
+import { trouble } from "../view/trouble";
 import type { MapContext, Panel } from "./panel";
 
 type StatedLoop = Pick<LoopExplanation, "id" | "from" | "to" | "origin" | "scores" | "pinned" | "verdict"> & Partial<LoopExplanation>;
@@ -66,7 +67,7 @@ export class LoopPanel implements Panel {
       const loop = this.context.api ? await this.context.api.loop(id) : this.stated(id);
       if (this.context.selection.loop === id) replace(this.chosen, this.message, this.evidence(loop));
     } catch (error) {
-      if (this.context.selection.loop === id) replace(this.chosen, h("div", { class: "box warn", role: "alert" }, (error as Error).message));
+      if (this.context.selection.loop === id) replace(this.chosen, trouble(error as Error, () => void this.explain(id)));
     }
   }
 
@@ -122,7 +123,6 @@ export class LoopPanel implements Panel {
       await this.context.api!.pinLoop(loop.id, !loop.pinned);
       return `Loop ${loop.id} is ${loop.pinned ? "judged like any other again" : "pinned"}.`;
     });
-    void this.explain(loop.id);
   }
 
   /** The map moves by itself when the event stream tells of the new revision. */
@@ -140,7 +140,7 @@ export class LoopPanel implements Panel {
       announce(done);
       this.message = h("div", { class: "box good" }, done);
     } catch (error) {
-      this.message = h("div", { class: "box error", role: "alert" }, (error as Error).message);
+      this.message = trouble(error as Error, () => void this.act(action));
     }
     this.shown = null;
     this.update();

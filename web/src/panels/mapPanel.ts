@@ -20,12 +20,13 @@ export class MapPanel implements Panel {
   private readonly figures = h("div");
   private readonly sessions = h("div");
   private readonly changes: Panel;
+  private readonly revisions: Panel | null;
   private shownCell: number | null = null;
 
   constructor(private readonly context: MapContext) {
-    const past = context.api && context.scene && context.model.revision > 1n ? revisionBox(context) : "";
+    this.revisions = context.api && context.scene && context.model.revision > 1n ? revisionBox(context) : null;
     this.changes = changeBox(context);
-    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks(), this.changes.element, past);
+    this.element.append(this.cell, this.figures, h("h3", {}, "Sessions"), this.sessions, h("h3", {}, "Shown"), this.layerChecks(), this.changes.element, this.revisions?.element ?? "");
     this.update();
   }
 
@@ -50,6 +51,7 @@ export class MapPanel implements Panel {
     );
     replace(this.sessions, this.sessionList());
     this.changes.update();
+    this.revisions?.update();
   }
 
   private sessionList(): HTMLElement {

@@ -20,6 +20,8 @@ export interface MapContext {
   select(selection: { loop?: number | null; cell?: number | null }): void;
   setLayers(layers: Layers): void;
   setColouring(colouring: Colouring): void;
+  /** The revision that is shown where it is not the newest. */
+  past: number | null;
   /** Shows the map as it was at a revision; null: as it is. */
   showRevision(revision: number | null): Promise<void>;
 }

@@ -1,16 +1,19 @@
-import { h } from "../dom";
-import type { MapContext } from "./panel";
+import { h, replace } from "../dom";
+import { trouble } from "../view/trouble";
+import type { MapContext, Panel } from "./panel";
 
 const NOW = "The map as it is. Drag to see it as it was.";
 /** A playback has at most so many pictures. */
 const MOST_STEPS = 100;
 const STEP_MS = 250;
 
+const textOf = (past: number | null): string => (past === null ? NOW : `The map as it was at revision ${past}.`);
+
 /** Before and after a loop closure, and how the map grew: a slider over its revisions, and a playback of them. */
-export function revisionBox(context: MapContext): HTMLElement {
+export function revisionBox(context: MapContext): Panel {
   const newest = (): number => Number(context.model.revision);
-  const slider = h("input", { type: "range", min: 1, max: newest(), value: newest(), "aria-label": "Revision that is shown" });
-  const label = h("p", { class: "note" }, NOW);
+  const slider = h("input", { type: "range", min: 1, max: newest(), value: context.past ?? newest(), "aria-label": "Revision that is shown" });
+  const label = h("div", { class: "note", "aria-live": "polite" }, textOf(context.past));
   const button = h("button", { type: "button" }, "Play");
   let playing = false;
 
@@ -19,9 +22,9 @@ export function revisionBox(context: MapContext): HTMLElement {
     const past = revision < newest() ? revision : null;
     try {
       await context.showRevision(past);
-      label.textContent = past === null ? NOW : `The map as it was at revision ${past}.`;
+      label.textContent = textOf(past);
     } catch (error) {
-      label.textContent = (error as Error).message;
+      replace(label, trouble(error as Error, () => void show()));
       playing = false;
     }
   };
@@ -53,5 +56,12 @@ export function revisionBox(context: MapContext): HTMLElement {
     asked = setTimeout(() => void show(), 60);
   });
   button.addEventListener("click", () => (playing ? stop() : void play()));
-  return h("section", {}, h("h3", {}, "Revisions"), slider, h("div", { class: "actions" }, button), label);
+  /** After the address changed; what is being played or dragged goes first. */
+  const update = (): void => {
+    if (playing || Number(slider.value) === (context.past ?? Number(slider.max))) return;
+    slider.max = String(newest());
+    slider.value = String(context.past ?? newest());
+    label.textContent = textOf(context.past);
+  };
+  return { element: h("section", {}, h("h3", {}, "Revisions"), slider, h("div", { class: "actions" }, button), label), update };
 }

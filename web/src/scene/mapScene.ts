@@ -163,7 +163,7 @@ export class MapScene implements SceneActions {
   }
 
   /** Why no CELLs come, or null. */
-  get failure(): string | null {
+  get failure(): Error | null {
     return this.streamer.state.failure;
   }
 

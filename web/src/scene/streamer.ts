@@ -1,6 +1,7 @@
 import { Frustum, Matrix4, Sphere, Vector3 } from "three";
 
-import type { CellForm, DecodeAnswer, DecodeRequest } from "./decode.worker";
+import { ServerError } from "../api/ask";
+import type { AskedCell, CellForm, DecodeAnswer, DecodeRequest } from "./decode.worker";
 import DecodeWorker from "./decode.worker?worker";
 import { chooseDetail } from "./detail";
 import type { PatchLayer } from "./patchLayer";
@@ -11,13 +12,15 @@ import type { Stage } from "./stage";
 /** A CELL of the map, in memory or not. */
 export interface StreamedCell {
   id: number;
+  /** Another one under the same number is another CELL. */
+  hash: string;
   session: string;
   planes: number;
   pose: Matrix4;
 }
 
 /** Asks the worker for CELLs: from a server, or from bytes that someone else reads. */
-export type CellSource = (asked: { id: number; form: CellForm }[]) => Promise<Omit<DecodeRequest, "ticket">>;
+export type CellSource = (asked: AskedCell[]) => Promise<Omit<DecodeRequest, "ticket">>;
 
 export interface StreamerOptions {
   /** Patches drawn at a time. */
@@ -34,7 +37,7 @@ export interface StreamerState {
   /** CELLs that could not be read, and why. */
   broken: Map<number, string>;
   /** Why nothing comes, for example because the server is gone. */
-  failure: string | null;
+  failure: Error | null;
 }
 
 const BYTES_A_PATCH = 25;
@@ -74,8 +77,8 @@ export class Streamer {
   }
 
   setCells(cells: StreamedCell[]): void {
-    const ids = new Set(cells.map(({ id }) => id));
-    for (const id of this.kept.keys()) if (!ids.has(id)) this.drop(id);
+    const hashes = new Map(cells.map(({ id, hash }) => [id, hash]));
+    for (const { id, hash } of this.cells.values()) if (hashes.get(id) !== hash) this.drop(id);
     this.cells.clear();
     for (const cell of cells) {
       this.cells.set(cell.id, cell);
@@ -162,24 +165,22 @@ export class Streamer {
   private async fetch(ids: number[]): Promise<void> {
     ++this.running;
     for (const id of ids) this.pending.add(id);
-    const asked = ids.map((id) => ({ id, form: this.formOf(id) }));
+    const asked = ids.map((id) => ({ id, hash: this.cells.get(id)!.hash, form: this.formOf(id) }));
     const answer = await this.decode(asked);
     --this.running;
     for (const id of ids) this.pending.delete(id);
-    if (answer.error !== undefined) this.state.failure = answer.error;
+    if (answer.failure) this.state.failure = new ServerError(answer.failure.status, answer.failure.code, answer.failure.message);
     for (const { id, patches, error } of answer.cells) {
-      if (patches) this.keep(id, patches, asked.some((one) => one.id === id && one.form === "coarse"));
+      const { hash, form } = asked.find((one) => one.id === id)!;
+      if (this.cells.get(id)?.hash !== hash) continue; // it became another one meanwhile
+      if (patches) this.keep(id, patches, form === "coarse");
       else this.state.broken.set(id, error ?? "unknown");
-    }
-    const answered = new Set(answer.cells.map(({ id }) => id));
-    if (answer.error === undefined) {
-      for (const id of ids) if (!answered.has(id)) this.state.broken.set(id, "The server did not send this CELL.");
     }
     this.evict();
     this.wake();
   }
 
-  private async decode(asked: { id: number; form: CellForm }[]): Promise<DecodeAnswer> {
+  private async decode(asked: AskedCell[]): Promise<DecodeAnswer> {
     const ticket = this.nextTicket++;
     try {
       const request: DecodeRequest = { ticket, ...(await this.source(asked)) };
@@ -188,7 +189,7 @@ export class Streamer {
         this.worker.postMessage(request);
       });
     } catch (error) {
-      return { ticket, cells: [], bytes: 0, error: (error as Error).message };
+      return { ticket, cells: [], bytes: 0, failure: { status: 0, code: "internal", message: (error as Error).message } };
     }
   }
 
@@ -226,6 +227,7 @@ export class Streamer {
   private drop(id: number): void {
     this.layer.remove(id);
     this.kept.delete(id);
+    this.state.broken.delete(id);
   }
 }
 

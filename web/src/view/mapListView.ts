@@ -1,10 +1,10 @@
 import type { MapSummary } from "../api/documents";
-import { listMaps, ServerError } from "../api/server";
+import { listMaps } from "../api/server";
 import { h, replace } from "../dom";
 import { formatRoute, parseRoute } from "../route";
 import { bytes, count, large } from "../text";
 import { explanation } from "./explain";
-import { tokenPrompt } from "./tokenPrompt";
+import { trouble } from "./trouble";
 
 /** The first page: what a CELLmap is, and the maps of this server. */
 export class MapListView {
@@ -47,9 +47,7 @@ export class MapListView {
       const maps = await listMaps();
       replace(this.maps, maps.length > 0 ? h("div", { class: "cards" }, ...maps.map(card)) : emptyServer());
     } catch (error) {
-      if (error instanceof ServerError && error.status === 401) return replace(this.maps, tokenPrompt(() => void this.load()));
-      const retry = h("button", { type: "button", onclick: () => void this.load() }, "Try again");
-      replace(this.maps, h("div", { class: "box error", role: "alert" }, h("p", {}, (error as Error).message), retry));
+      replace(this.maps, trouble(error as Error, () => void this.load()));
     }
   }
 }

@@ -1,4 +1,4 @@
-import { ServerError } from "../api/server";
+import { ServerError } from "../api/ask";
 import { announce, h, replace } from "../dom";
 import type { ByteSource } from "../format/byteSource";
 import { type OpenedMap, openArchive, openServerMap } from "../model/origin";
@@ -17,7 +17,7 @@ import { NoWebGlError } from "../scene/stage";
 import { count } from "../text";
 import { listenToKeys } from "./keys";
 import { Overlays } from "./overlays";
-import { tokenPrompt } from "./tokenPrompt";
+import { trouble } from "./trouble";
 
 const TAB_NAMES: Record<Tab, string> = { map: "Map", graph: "Loops", drive: "Drives", locate: "Where am I?", jobs: "Jobs", compare: "Compare" };
 
@@ -62,6 +62,7 @@ export class MapView {
     this.showTab(route.tab);
     this.context?.select({ loop: route.loop, cell: route.cell });
     this.setColouring(route.colouring);
+    void this.followRevision(route.revision);
     if (view) this.scene?.stage.setView(view);
   }
 
@@ -79,6 +80,7 @@ export class MapView {
       this.showTab(this.route.tab);
       this.context.select({ loop: this.route.loop, cell: this.route.cell });
       this.listen(this.context);
+      void this.followRevision(this.route.revision);
       announce(`${opened.summary.name}: ${count(opened.summary.cells, "CELL")}`);
     } catch (error) {
       this.showFailure(error as Error);
@@ -97,6 +99,7 @@ export class MapView {
       selection: { loop: null, cell: null },
       layers: { patches: true, trajectory: true, constraints: false, loops: true, grid: true },
       scene: null,
+      past: null,
       select: (selection) => this.select(selection),
       setLayers: (layers) => this.setLayers(layers),
       setColouring: (colouring) => this.setColouring(colouring),
@@ -161,24 +164,33 @@ export class MapView {
         const before = context.model.apply(await api.changes(context.model.revision));
         [context.summary, context.sessions] = await Promise.all([api.summary(), api.sessions()]);
         context.colours.set(context.model.sessions);
-        if (this.past === null) this.scene?.setModel(context.model, before);
+        if (context.past === null) this.scene?.setModel(context.model, before);
         this.overlays?.update();
         for (const panel of Object.values(this.panels)) panel.update();
         if (before.size > 0) announce(`${count(before.size, "CELL")} moved`);
       } catch (error) {
         if (error instanceof ServerError && error.status === 0) return; // the stream says so already
-        this.overlays?.setError((error as Error).message);
+        this.overlays?.setError(error as Error, () => this.catchUp(context));
       }
     });
   }
 
-  /** The revision that is shown where it is not the newest. */
-  private past: number | null = null;
   private async showRevision(revision: number | null): Promise<void> {
-    const { api, model } = this.context!;
-    this.past = revision;
-    const shown = revision === null ? model : model.at(await api!.poseGraph(revision));
-    if (this.past === revision) this.scene?.setModel(shown);
+    const context = this.context!;
+    context.past = revision;
+    this.updateAddress({ revision });
+    const shown = revision === null ? context.model : context.model.at(await context.api!.poseGraph(revision));
+    if (context.past === revision) this.scene?.setModel(shown);
+  }
+
+  /** The revision that an address names; where there is no such one, the newest. */
+  private async followRevision(revision: number | null): Promise<void> {
+    const { context } = this;
+    if (!context?.api || context.past === revision) return;
+    await this.showRevision(revision).catch((error: Error) => {
+      this.overlays?.setError(error, () => void this.showRevision(null));
+    });
+    this.panels.map?.update();
   }
 
   private select(selection: { loop?: number | null; cell?: number | null }): void {
@@ -288,29 +300,9 @@ export class MapView {
   }
 
   private showFailure(error: Error): void {
-    if (error instanceof ServerError && error.status === 401) {
-      replace(this.stageElement, h("div", { class: "centre" }, tokenPrompt(() => void this.open())));
-      return;
-    }
+    const box = trouble(error, () => void this.open(), h("a", { class: "button", href: "#/" }, "All maps"));
     const missing = error instanceof ServerError && error.status === 404;
-    replace(
-      this.stageElement,
-      h(
-        "div",
-        { class: "centre" },
-        h(
-          "div",
-          { class: "box error", role: "alert" },
-          h("h2", {}, missing ? "There is no such map" : "The map cannot be shown"),
-          h("p", {}, error.message),
-          h(
-            "div",
-            { class: "actions" },
-            h("button", { type: "button", onclick: () => void this.open() }, "Try again"),
-            h("a", { class: "button", href: "#/" }, "All maps"),
-          ),
-        ),
-      ),
-    );
+    if (!box.querySelector("h2")) box.prepend(h("h2", {}, missing ? "There is no such map" : "The map cannot be shown"));
+    replace(this.stageElement, h("div", { class: "centre" }, box));
   }
 }

@@ -5,6 +5,7 @@ import { roundLength } from "../scene/ground";
 import type { MapScene } from "../scene/mapScene";
 import { COLOURS, type Colouring } from "../scene/patchMaterial";
 import { count, large, metres } from "../text";
+import { trouble } from "./trouble";
 
 /** What lies over the canvas: colouring, legend, scale bar, figures, and what went wrong. */
 export class Overlays {
@@ -12,7 +13,8 @@ export class Overlays {
   private readonly scale = h("div", { class: "scale", role: "img" });
   private readonly figures = h("div", { class: "glass", "data-testid": "figures" });
   private readonly trouble = h("div");
-  private error: string | null = null;
+  /** What the messages are of; they are made anew only for another reason, because one may be a form. */
+  private readonly reasons: { shown: unknown[]; error: Error | null; retry: () => void } = { shown: [], error: null, retry: () => undefined };
 
   constructor(
     stage: HTMLElement,
@@ -40,8 +42,9 @@ export class Overlays {
     this.drawLegend();
   }
 
-  setError(message: string): void {
-    this.error = message;
+  /** What else went wrong; `retry` is called when somebody wants it tried again. */
+  setError(error: Error, retry: () => void): void {
+    Object.assign(this.reasons, { error, retry });
     this.update();
   }
 
@@ -49,14 +52,28 @@ export class Overlays {
     const { patches, loaded, wanted, broken } = this.scene.figures();
     const loading = loaded < wanted ? `loading ${loaded} of ${wanted} CELLs` : count(loaded, "CELL");
     replace(this.figures, `${large(patches)} patches drawn, ${loading}`);
-    const { cells } = this.context.model;
-    const messages = [
-      cells.size === 0 ? h("div", { class: "glass" }, "This map has no CELLs yet. The Jobs tab can map a drive.") : null,
+    this.updateTrouble(broken);
+  }
+
+  private updateTrouble(broken: Map<number, string>): void {
+    const isEmpty = this.context.model.cells.size === 0;
+    const { failure } = this.scene;
+    const { shown, error } = this.reasons;
+    const now = [isEmpty, broken.size, failure, error];
+    if (now.every((reason, i) => reason === shown[i])) return;
+    this.reasons.shown = now;
+    const tryAgain = (): void => {
+      this.reasons.error = null;
+      this.reasons.retry();
+      this.update();
+    };
+    replace(
+      this.trouble,
+      isEmpty ? h("div", { class: "glass" }, "This map has no CELLs yet. The Jobs tab can map a drive.") : null,
       broken.size > 0 ? this.brokenCells(broken) : null,
-      this.scene.failure !== null ? this.failure(this.scene.failure) : null,
-      this.error !== null ? h("div", { class: "glass box error", role: "alert" }, this.error) : null,
-    ];
-    replace(this.trouble, ...messages);
+      failure !== null ? over(trouble(failure, () => this.scene.retry())) : null,
+      error !== null ? over(trouble(error, tryAgain)) : null,
+    );
   }
 
   updateScale(): void {
@@ -74,15 +91,6 @@ export class Overlays {
     const [id, reason] = [...broken][0]!;
     const more = broken.size > 1 ? ` and ${broken.size - 1} more` : "";
     return h("div", { class: "glass box error", role: "alert" }, `CELL ${id}${more} cannot be shown. ${reason}`);
-  }
-
-  private failure(reason: string): HTMLElement {
-    return h(
-      "div",
-      { class: "glass box error", role: "alert" },
-      h("p", {}, `No CELLs come from the server. ${reason}`),
-      h("button", { type: "button", onclick: () => this.scene.retry() }, "Try again"),
-    );
   }
 
   private colourChoice(): HTMLElement {
@@ -114,4 +122,10 @@ export class Overlays {
     const loops = model.loops.length > 0 ? [item(VERDICT_COLOURS.accepted!, "loop"), item(VERDICT_COLOURS.rejected!, "rejected loop")] : [];
     replace(this.legend, ...patches, ...loops);
   }
+}
+
+/** Readable over the map. */
+function over(box: HTMLElement): HTMLElement {
+  box.classList.add("glass");
+  return box;
 }

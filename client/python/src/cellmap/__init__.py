@@ -9,6 +9,7 @@ Frames and formats: ``ARCHITECTURE.md`` and ``schema/FORMAT.md`` of the project.
 """
 
 from .archive import Archive, ArchivedCell, ArchiveSummary, open_archive
+from .archived_scans import ArchivedScans, Georeference
 from .cell import Cell, Statistics, read_cell
 from .changes import Changes, read_changes
 from .client import Client
@@ -22,8 +23,8 @@ from .scan import Scan, read_kitti, read_scan
 
 __version__ = "0.1.0"
 __all__ = [
-    "Archive", "ArchiveSummary", "ArchivedCell", "Cell", "CellSummary", "Changes", "Client", "Constraint",
-    "Error", "Job", "Lattice", "MapSummary", "Place", "PoseGraph", "Relocalisation", "Scan", "Scores", "Session",
+    "Archive", "ArchiveSummary", "ArchivedCell", "ArchivedScans", "Cell", "CellSummary", "Changes", "Client", "Constraint",
+    "Error", "Georeference", "Job", "Lattice", "MapSummary", "Place", "PoseGraph", "Relocalisation", "Scan", "Scores", "Session",
     "Statistics", "lattice_of", "moved", "open_archive", "pose_of_vector", "read_cell", "read_changes",
     "read_coarse_cell", "read_coded_cell", "read_kitti", "read_pose_graph", "read_scan", "vector_of_pose",
 ]

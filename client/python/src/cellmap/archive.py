@@ -9,6 +9,7 @@ import numpy as np
 import xxhash
 from numpy.typing import NDArray
 
+from .archived_scans import MAX_CELLS, ArchivedScans, Georeference, read_archived_scans, read_georeference
 from .byte_source import ByteSource, FileSource, HttpSource
 from .cell import Cell, read_cell, read_lattice
 from .changes import read_changes
@@ -24,7 +25,7 @@ _RECORD_MAGIC = b"\x89CELL\r\n\x1a"
 _HEAD_BYTES, _FIRST_BYTES, _RECORD_HEAD = 16384, 16384, 32
 _MAX_SECTION, _MAX_FOOTER = 512 << 20, 64 << 20
 _ENCODINGS = {1: "raw", 2: "packed", 3: "compact"}
-_POSE_GRAPH, _CHANGES, _CELLS, _SUPERSEDED = 1, 2, 3, 5
+_POSE_GRAPH, _CHANGES, _CELLS, _SCANS, _SUPERSEDED = 1, 2, 3, 4, 5
 _LAST_BYTES = 256 << 10
 
 
@@ -52,6 +53,7 @@ class ArchiveSummary:
     planes: int
     scans: int
     sessions: tuple[str, ...]
+    georeference: Georeference | None  #: None where nobody said where on Earth the map lies
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,14 @@ class Archive:
             graph = read_changes(self._section(_CHANGES)).applied_to(graph)
         return graph
 
+    @cached_property
+    def scans(self) -> tuple[ArchivedScans, ...]:
+        """The scans of each CELL that was made of some, by increasing id: stamps and poses, not their points."""
+        found = read_archived_scans(self._section(_SCANS), _MAX_SECTION)
+        if sum(len(scans.stamps_ns) for scans in found) != self.summary.scans:
+            raise corrupt("The archive's list of scans is not as long as its footer says.")
+        return found
+
     def cell(self, ident: int) -> Cell:
         """Reads and decodes one CELL: one request, after one for its directory once for some thousand CELLs. Coded ones
         take some 0.1 ms a plane. Error("not-found")."""
@@ -212,7 +222,7 @@ def _read_head(first: bytes) -> tuple[Lattice, int, int, int, bytes, bool]:
         raise unsupported(f"The archive is of version {version}; this package reads version 1.")
     if head_sum != _sum(first[:56]):
         raise corrupt("The archive's head is damaged.")
-    if root_bytes == 0 or not _HEAD_BYTES <= records_end <= data_end or root_bytes > 14_848 or flags > 1 or cells > 1 << 20:
+    if root_bytes == 0 or not _HEAD_BYTES <= records_end <= data_end or root_bytes > 14_848 or flags > 1 or cells > MAX_CELLS:
         raise corrupt("The archive was not finished, or its head contradicts itself.")
     root = first[1536:1536 + root_bytes]
     if _sum(root) != root_sum:
@@ -252,16 +262,18 @@ def _read_summary(footer: Table, lattice: Lattice) -> ArchiveSummary:
     if read_lattice(footer, 3) != lattice or footer.number(4, "<B") not in _ENCODINGS:
         raise corrupt("The archive's footer does not agree with its head.")
     sessions = tuple(table.required(table.text(0)) for table in footer.tables(11))
+    georeference = footer.table(12)
     return ArchiveSummary(footer.required(footer.text(1)), footer.number(2, "<q"), lattice,
                           _ENCODINGS[footer.number(4, "<B")], footer.number(5, "<I") * 1e-6, footer.number(6, "<Q"),
-                          footer.number(7, "<Q"), footer.number(8, "<Q"), footer.number(10, "<Q"), sessions)
+                          footer.number(7, "<Q"), footer.number(8, "<Q"), footer.number(10, "<Q"), sessions,
+                          None if georeference is None else read_georeference(georeference))
 
 
 def _read_directory(frame: bytes, begin: int, limit: int, has_sums: bool) -> list[_Row]:
     """The rows of a directory whose first row's gap counts from ``begin``."""
     root = Buffer(decompressed(frame, 64 << 20, "archive's directory"), b"CADR", "archive's directory", 64 << 20).root()
     count = root.number(1, "<I")
-    if count > 1 << 20:
+    if count > MAX_CELLS:
         raise corrupt("The archive's directory has too many rows.")
     cells, gaps, lengths = (
         read_column(root.required(root.vector(i, "u1")).tobytes(), count, "The archive's directory") for i in (2, 3, 4))
@@ -282,6 +294,8 @@ def _read_directory(frame: bytes, begin: int, limit: int, has_sums: bool) -> lis
 def _read_cells(data: bytes, sessions: tuple[str, ...]) -> tuple[ArchivedCell, ...]:
     root = Buffer(data, b"CACL", "archive's list of CELLs", _MAX_SECTION).root()
     count = root.number(1, "<I")
+    if count > MAX_CELLS:
+        raise corrupt("The archive's list of CELLs is too long.")
     columns: list[NDArray[np.int64]] = [
         read_column(root.required(root.vector(i, "u1")).tobytes(), count, "The archive's list of CELLs")
         for i in (2, 4, 5, 6, 7)]

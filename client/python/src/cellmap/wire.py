@@ -109,7 +109,8 @@ def rotations_of_rodrigues(p: NDArray[np.float64]) -> NDArray[np.float64]:
 def poses_of_columns(columns: list[bytes], count: int, what: str) -> NDArray[np.float64]:
     """(count, 4, 4) poses of the six columns x y z rx ry rz."""
     values = [read_column(column, count, what) for column in columns]
-    if any((abs(v) > 2**37).any() for v in values[:3]) or any((abs(v) > 2**22).any() for v in values[3:]):
+    # Not by abs, which leaves the smallest number negative.
+    if any(((v < -limit) | (v > limit)).any() for v, limit in zip(values, 3 * [2**37] + 3 * [2**22])):
         raise corrupt(f"{what}: a pose is out of range.")
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, 3] = np.stack([v * 2.0**-13 for v in values[:3]], axis=1)
