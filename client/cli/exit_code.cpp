@@ -11,7 +11,7 @@ struct Row {
   const char* meaning;
 };
 
-constexpr std::array<Row, 12> kTable = {{
+constexpr std::array<Row, 16> kTable = {{
     {ErrorCode::kInternal, 1, "a fault of this program"},
     {ErrorCode::kInvalidArgument, 3, "a value is malformed or out of its range"},
     {ErrorCode::kNotFound, 4, "the map, CELL, job, loop or file does not exist"},
@@ -23,6 +23,10 @@ constexpr std::array<Row, 12> kTable = {{
     {ErrorCode::kTooLarge, 10, "over a documented limit"},
     {ErrorCode::kUnavailable, 11, "the server cannot be reached or is overloaded; try again later"},
     {ErrorCode::kIo, 12, "the disk, the network or the operating system failed"},
+    {ErrorCode::kUnauthenticated, 13, "no token, or one that is unknown or has expired"},
+    {ErrorCode::kPermissionDenied, 14, "the token is not good for this"},
+    {ErrorCode::kRateLimited, 15, "more requests than the server lets this token send"},
+    {ErrorCode::kDiskFull, 16, "no room on the disk, here or at the server"},
     {ErrorCode::kCancelled, 130, "stopped on request"},
 }};
 

@@ -82,13 +82,13 @@ constexpr std::array kTable{
 };
 
 Response unauthenticated(const std::string& detail, const std::string& error) {
-  Response response = access_problem(401, "unauthenticated", "Unauthenticated", detail);
+  Response response = problem(ErrorCode::kUnauthenticated, detail);
   response.headers.set("WWW-Authenticate", "Bearer realm=\"cellmap\"" + error);
   return response;
 }
 
 Response forbidden(const std::string& detail, const std::string& scope) {
-  Response response = access_problem(403, "permission-denied", "Permission denied", detail);
+  Response response = problem(ErrorCode::kPermissionDenied, detail);
   response.headers.set("WWW-Authenticate",
                        "Bearer realm=\"cellmap\", error=\"insufficient_scope\"" + scope);
   return response;
@@ -96,9 +96,9 @@ Response forbidden(const std::string& detail, const std::string& scope) {
 
 Response too_many(double wait_s) {
   const long seconds = std::max(1L, std::lround(std::ceil(wait_s)));
-  Response response = access_problem(
-      429, "rate-limited", "Too many requests",
-      "There were too many requests; send the next one in " + std::to_string(seconds) + " s.");
+  Response response =
+      problem(ErrorCode::kRateLimited, "There were too many requests; send the next one in " +
+                                           std::to_string(seconds) + " s.");
   response.headers.set("Retry-After", std::to_string(seconds));
   return response;
 }

@@ -1,6 +1,5 @@
 #include "server/api/failure.hpp"
 
-#include "cellmap/core/disk_full.hpp"
 #include "server/api/problem.hpp"
 
 namespace cellmap::server {
@@ -9,11 +8,12 @@ Response problem_of(const std::exception_ptr& failure, const std::string& reques
   const std::string see_log = "The server failed; its log names the request '" + request_id + "'.";
   try {
     std::rethrow_exception(failure);
-  } catch (const DiskFull&) {
-    return problem_with_status(
-        507, ErrorCode::kIo,
-        "The server's disk is full; nothing was changed. Try again when there is room.");
   } catch (const Error& error) {
+    if (error.code() == ErrorCode::kDiskFull) {  // its message may hold a path of the server
+      return problem(
+          error.code(),
+          "The server's disk is full; nothing was changed. Try again when there is room.");
+    }
     return status_of(error.code()) == 500 ? problem(error.code(), see_log) : problem(error);
   } catch (const std::exception&) {
     return problem(ErrorCode::kInternal, see_log);

@@ -26,6 +26,10 @@ constexpr std::array kTable{
     Row{ErrorCode::kUnavailable, 503, "Unavailable"},
     Row{ErrorCode::kCancelled, 409, "Cancelled"},
     Row{ErrorCode::kIo, 500, "Input or output failed"},
+    Row{ErrorCode::kUnauthenticated, 401, "Unauthenticated"},
+    Row{ErrorCode::kPermissionDenied, 403, "Permission denied"},
+    Row{ErrorCode::kRateLimited, 429, "Too many requests"},
+    Row{ErrorCode::kDiskFull, 507, "Disk full"},
     Row{ErrorCode::kInternal, 500, "Internal error"},
 };
 
@@ -84,11 +88,6 @@ Response range_not_satisfiable(std::size_t size) {
 
 Response problem_with_status(int status, ErrorCode code, const std::string& detail) {
   return document(status, std::string(to_string(code)), row_of(code).title, detail);
-}
-
-Response access_problem(int status, const std::string& code, const std::string& title,
-                        const std::string& detail) {
-  return document(status, code, title, detail);
 }
 
 namespace {

@@ -25,10 +25,6 @@ Response range_not_satisfiable(std::size_t size);
 /// For the front, which refuses some requests before they reach the API: any status with a code.
 Response problem_with_status(int status, ErrorCode code, const std::string& detail);
 
-/// For codes that only HTTP knows.
-Response access_problem(int status, const std::string& code, const std::string& title,
-                        const std::string& detail);
-
 /// The code of a problem document; "" for other responses.
 std::string problem_code(const Response& response);
 

@@ -3,7 +3,7 @@
 #include "cellmap/archive/archive_reader.hpp"
 #include "cellmap/archive/update_archive.hpp"
 #include "cellmap/archive/verify_archive.hpp"
-#include "cellmap/core/disk_full.hpp"
+#include "cellmap/core/error.hpp"
 #include "support/archive_sample.hpp"
 
 namespace cellmap::test {
@@ -18,15 +18,15 @@ class FullFile : public MemoryFile {
   void write(std::uint64_t offset, std::span<const std::byte> bytes) override {
     if (--left_ < 0) {
       if (left_ == -1) MemoryFile::write(offset, bytes.first(bytes.size() / 2));
-      throw DiskFull("no room");
+      throw Error(ErrorCode::kDiskFull, "no room");
     }
     MemoryFile::write(offset, bytes);
   }
   void sync() override {
-    if (--left_ < 0) throw DiskFull("no room");
+    if (--left_ < 0) throw Error(ErrorCode::kDiskFull, "no room");
   }
   void resize(std::uint64_t size) override {
-    if (--left_ < 0) throw DiskFull("no room");
+    if (--left_ < 0) throw Error(ErrorCode::kDiskFull, "no room");
     MemoryFile::resize(size);
   }
 
@@ -45,7 +45,8 @@ TEST(FullDisk, AnArchiveThatFoundNoRoomIsNotTakenForAWholeOne) {
         writer.add(sample.ids[k], sample.cells[k]);
       }
       writer.finish(sample.contents);
-    } catch (const DiskFull&) {
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::kDiskFull);
       // Only what is durable counts: before the last sync it may look whole or not.
       MemoryFile left(file.bytes());
       bool whole = false;
@@ -77,7 +78,8 @@ TEST(FullDisk, AnUpdateThatFoundNoRoomLeavesTheStateBeforeIt) {
     bool failed = false;
     try {
       update_archive(file, moved);
-    } catch (const DiskFull&) {
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::kDiskFull);
       failed = true;
     }
     MemoryFile left(file.bytes());

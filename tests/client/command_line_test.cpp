@@ -30,7 +30,7 @@ Outcome run(const std::vector<std::string>& arguments) {
 TEST(ExitCodes, AreDistinctNeitherSuccessNorUsageAndDocumented) {
   std::set<int> codes;
   const std::string help = exit_code_help();
-  for (int i = 0; i <= static_cast<int>(ErrorCode::kInternal); ++i) {
+  for (int i = 0; i <= static_cast<int>(ErrorCode::kDiskFull); ++i) {
     const auto code = static_cast<ErrorCode>(i);
     EXPECT_TRUE(codes.insert(exit_code(code)).second) << to_string(code);
     EXPECT_NE(exit_code(code), kSuccess);

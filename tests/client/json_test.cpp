@@ -108,6 +108,10 @@ TEST(Problems, WithoutADocumentTheStatusDecides) {
   EXPECT_EQ(code(413), ErrorCode::kTooLarge);
   EXPECT_EQ(code(415), ErrorCode::kUnsupported);
   EXPECT_EQ(code(422), ErrorCode::kCorruptData);
+  EXPECT_EQ(code(401), ErrorCode::kUnauthenticated);
+  EXPECT_EQ(code(403), ErrorCode::kPermissionDenied);
+  EXPECT_EQ(code(429), ErrorCode::kRateLimited);
+  EXPECT_EQ(code(507), ErrorCode::kDiskFull);
   EXPECT_EQ(code(500), ErrorCode::kInternal);
   EXPECT_EQ(code(503), ErrorCode::kUnavailable);
   EXPECT_EQ(code(418), ErrorCode::kInvalidArgument);

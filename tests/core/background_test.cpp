@@ -22,9 +22,8 @@ TEST(Background, WorkYieldsAndItsCallerDoesNot) {
 }
 
 TEST(Background, WhatWorkThrowsReachesItsCaller) {
-  test::expect_error(ErrorCode::kConflict, [] {
-    run_in_background([] { throw Error(ErrorCode::kConflict, "no"); });
-  });
+  test::expect_error(ErrorCode::kConflict,
+                     [] { run_in_background([] { throw Error(ErrorCode::kConflict, "no"); }); });
 }
 
 }  // namespace

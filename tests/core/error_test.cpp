@@ -7,7 +7,7 @@
 namespace cellmap {
 namespace {
 
-constexpr int kCodeCount = static_cast<int>(ErrorCode::kInternal) + 1;
+constexpr int kCodeCount = static_cast<int>(ErrorCode::kDiskFull) + 1;
 
 TEST(ErrorCodes, EveryNameIsReadBackAsItsCode) {
   for (int i = 0; i < kCodeCount; ++i) {

@@ -56,7 +56,7 @@ def run(options, folder):
         while job["state"] in ("queued", "running"):
             time.sleep(0.05)
             job = api.get(f"/v1/jobs/{job['id']}")
-        require(job["state"] == "failed" and job["error"]["code"] == "io" and "free space" in job["error"]["message"],
+        require(job["state"] == "failed" and job["error"]["code"] in ("disk-full", "io") and "free space" in job["error"]["message"],
                 f"the job did not say that the disk is full: {job}")
         cells = api.get("/v1/maps/town")["cells"]
         require(0 < cells < len(expected["cells"]), f"{cells} CELLs found room, of {len(expected['cells'])}")

@@ -142,8 +142,8 @@ class FaultyStore : public ::testing::TestWithParam<std::tuple<Operation, Fault>
       operation().run(*store_);
       return false;
     } catch (const Error& error) {
-      EXPECT_EQ(to_string(error.code()), "io") << error.what();
-      const bool full = std::string(error.what()).find("the disk is full") != std::string::npos;
+      const bool full = error.code() == ErrorCode::kDiskFull;
+      EXPECT_TRUE(is_io(error.code())) << error.what();
       const bool broken = std::string(error.what()).find("check the disk") != std::string::npos;
       EXPECT_TRUE(fault() == Fault::kBrokenOnce ? broken : full || broken) << error.what();
       return true;

@@ -111,10 +111,11 @@ describe("a token that is not good for what is asked", () => {
     const upload = { kind: "ingest", upload: true, session: "thursday", scans_total: 10 };
     await guarded.json("/v1/maps/town/jobs", { method: "POST", headers, body: JSON.stringify(upload) });
     const page = await openAs(tokens.reader, "#/town?tab=jobs");
-    await page.getByRole("button", { name: "Cancel" }).click();
+    const job = page.locator(".job", { hasText: "thursday" });
+    await job.getByRole("button", { name: "Cancel" }).click();
     await prompt(page, "Your token is not good for this").getByText("map:write").waitFor();
     await give(page, tokens.admin);
-    await page.locator('.job[data-state="cancelled"]').waitFor();
+    await page.locator('.job[data-state="cancelled"]', { hasText: "thursday" }).waitFor();
     expect(viewer.complaints("403")).toEqual([]);
   });
 

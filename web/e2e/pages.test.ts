@@ -136,8 +136,8 @@ describe("CELLs by their hash", () => {
     await loaded(page);
     expect(await ours.cellRequests()).toBe(once);
     expect((await picture(page)).colours).toBeGreaterThan(50);
-    await ours.stop();
     expect(viewer.complaints()).toEqual([]);
+    await ours.stop();
   });
 
   test("a CELL that became another one is asked for anew", async () => {
@@ -151,8 +151,8 @@ describe("CELLs by their hash", () => {
     await expect.poll(() => asked.filter((url) => url.includes("?hash=")).length, { timeout: 60_000 }).toBeGreaterThanOrEqual(cells.length);
     await loaded(page);
     expect(await page.getByRole("alert").count()).toBe(0);
-    await ours.stop();
     expect(viewer.complaints("404")).toEqual([]);
+    await ours.stop();
   });
 });
 

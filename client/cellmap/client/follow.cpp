@@ -41,8 +41,7 @@ class Following {
         pull();
         wait_for_news();
       } catch (const Error& error) {
-        const bool away = error.code() == ErrorCode::kUnavailable || error.code() == ErrorCode::kIo;
-        if (!away) throw;
+        if (!may_pass(error.code())) throw;
         const milliseconds delay = next_delay();
         if (options_.on_away) options_.on_away(error, delay);
         wait_for(delay, stop_);

@@ -78,6 +78,10 @@ namespace {
 
 ErrorCode code_of_status(int status) {
   switch (status) {
+    case 401:
+      return ErrorCode::kUnauthenticated;
+    case 403:
+      return ErrorCode::kPermissionDenied;
     case 404:
     case 410:
       return ErrorCode::kNotFound;
@@ -96,8 +100,11 @@ ErrorCode code_of_status(int status) {
       return ErrorCode::kTooLarge;
     case 422:
       return ErrorCode::kCorruptData;
-    case 408:
     case 429:
+      return ErrorCode::kRateLimited;
+    case 507:
+      return ErrorCode::kDiskFull;
+    case 408:
     case 502:
     case 503:
     case 504:

@@ -4,8 +4,6 @@
 #include <charconv>
 #include <thread>
 
-#include "cellmap/core/error.hpp"
-
 namespace cellmap {
 
 using std::chrono::milliseconds;
@@ -19,6 +17,10 @@ void RetryOptions::validate() const {
     throw Error(ErrorCode::kInvalidArgument,
                 "retry delays must satisfy 0 <= first_delay <= max_delay and 0 <= max_retry_after");
   }
+}
+
+bool may_pass(ErrorCode code) {
+  return code == ErrorCode::kUnavailable || code == ErrorCode::kRateLimited || is_io(code);
 }
 
 RetrySchedule::RetrySchedule(const RetryOptions& options)

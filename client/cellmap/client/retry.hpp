@@ -7,6 +7,8 @@
 #include <random>
 #include <string_view>
 
+#include "cellmap/core/error.hpp"
+
 namespace cellmap {
 
 /// When a failed request is sent again.
@@ -20,7 +22,7 @@ struct RetryOptions {
   std::chrono::milliseconds first_delay{100};  ///< doubles with every failure ...
   std::chrono::milliseconds max_delay{5'000};  ///< ... up to this
   /// A server's Retry-After is waited out in full where it is at most this; a longer one ends the
-  /// attempts and becomes the caller's Error{kUnavailable}.
+  /// attempts and becomes the caller's Error{kUnavailable} or {kRateLimited}.
   std::chrono::milliseconds max_retry_after{60'000};
   std::uint64_t jitter_seed = 0;  ///< 0: from the operating system; equal seeds wait equally
   /// How to wait; empty: sleep. Tests put a recorder here.
@@ -29,6 +31,9 @@ struct RetryOptions {
   /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;
 };
+
+/// Whether the same may work later: the server is away, busy or without room, or the network is.
+bool may_pass(ErrorCode code);
 
 /// Exponential backoff with jitter, and the server's word where it gave one. One owner.
 class RetrySchedule {

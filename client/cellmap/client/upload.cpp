@@ -69,10 +69,6 @@ Job wait_until_it_runs(Client& client, Job job, const UploadOptions& options,
   return job;
 }
 
-bool is_lost(const Error& error) {
-  return error.code() == ErrorCode::kUnavailable || error.code() == ErrorCode::kIo;
-}
-
 /// Asks again while the server cannot be reached.
 template <typename Call>
 std::invoke_result_t<Call> while_lost(const UploadOptions& options, const std::stop_token& stop,
@@ -82,7 +78,7 @@ std::invoke_result_t<Call> while_lost(const UploadOptions& options, const std::s
     try {
       return call();
     } catch (const Error& error) {
-      if (!is_lost(error) || patience.over() || stop.stop_requested()) throw;
+      if (!may_pass(error.code()) || patience.over() || stop.stop_requested()) throw;
     }
     std::this_thread::sleep_for(options.poll);
   }
@@ -172,7 +168,7 @@ class Sender {
         return client_.post_session_scans(map_, session_, next_request());
       } catch (const Error& error) {
         const bool conflict = error.code() == ErrorCode::kConflict;
-        if (!conflict && !is_lost(error)) throw;
+        if (!conflict && !may_pass(error.code())) throw;
         const Job job = patiently([&] { return client_.job(job_.id); });
         throw_if_failed(job);
         if (is_final(job.state)) return std::nullopt;

@@ -9,7 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "cellmap/core/disk_full.hpp"
+#include "cellmap/core/error.hpp"
 
 namespace cellmap {
 namespace {
@@ -69,8 +69,8 @@ class LocalFile : public ByteFile {
  private:
   [[noreturn]] void fail(const char* what) const {
     if (errno == ENOSPC || errno == EDQUOT || errno == EFBIG) {
-      throw DiskFull("there is no room for '" + name_ + "': " + std::strerror(errno) +
-                     "; free space and repeat");
+      throw Error(ErrorCode::kDiskFull, "there is no room for '" + name_ + "': " +
+                                            std::strerror(errno) + "; free space and repeat");
     }
     throw Error(ErrorCode::kIo, std::string(what) + " '" + name_ + "': " + std::strerror(errno));
   }

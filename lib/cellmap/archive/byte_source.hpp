@@ -34,7 +34,7 @@ std::unique_ptr<ByteSource> borrowed(ByteSource& source);
 /// Bytes that are written in pieces. What is written is in no safe order before `sync`.
 class ByteFile : public ByteSource {
  public:
-  /// Throws Error{kIo}, as the next two; DiskFull where there is no room.
+  /// Throws Error{kIo}, as the next two; {kDiskFull} where there is no room.
   virtual void write(std::uint64_t offset, std::span<const std::byte> bytes) = 0;
   virtual void resize(std::uint64_t size) = 0;
   /// Everything written so far is durable, as far as the disk keeps its word.

@@ -75,7 +75,7 @@ class Repair {
       work();
       return true;
     } catch (const Error& error) {
-      if (error.code() == ErrorCode::kIo) throw;
+      if (is_io(error.code())) throw;
       report_.notes.push_back(part + " is lost: " + error.what());
       return false;
     }
@@ -96,7 +96,7 @@ class Repair {
       footer_ = decode_archive_footer(bytes);
       return true;
     } catch (const Error& error) {
-      if (error.code() == ErrorCode::kIo) throw;
+      if (is_io(error.code())) throw;
       return false;
     }
   }
@@ -155,7 +155,7 @@ class Repair {
           .try_emplace(cell.id, Found{offset, bytes, cell.cell.session, cell.cell.T_odom_cell})
           .second;
     } catch (const Error& error) {
-      if (error.code() == ErrorCode::kIo) throw;
+      if (is_io(error.code())) throw;
       return false;
     }
   }

@@ -99,44 +99,47 @@ LatticeBelts::LatticeBelts(const LatticeSphere& sphere)
   coarse_ = measured(short_steps(4, kCoarsePoints, margin_));
 }
 
-LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& candidates,
-                                                double r2) const {
-  struct Near {
-    double distance2;
-    std::uint32_t step;
-    bool operator<(const Near& other) const {
-      return distance2 < other.distance2 || (distance2 == other.distance2 && step < other.step);
-    }
-  };
-  std::array<Near, kNeighbours + 1> nearest;  // sorted, and room for one more
+LatticeBelts::Steps LatticeBelts::nearest_steps(const std::vector<Candidate>& candidates, double r2,
+                                                Places& nearest) {
+  double limit = 0;  // none of the eight nearest is farther
+  for (const std::uint32_t place : nearest) {
+    limit = std::max(limit, candidates[place].distance2(r2));
+  }
+  std::array<double, kNeighbours + 1> distances2;  // ascending, and room for one more
+  std::array<std::uint32_t, kNeighbours + 1> places;
   std::size_t count = 0;
-  for (const Candidate& c : candidates) {
-    const double across2 = c.azimuth2_rad2 * r2;
-    const bool is_full = count == kNeighbours;
-    if (is_full && across2 > nearest[kNeighbours - 1].distance2) continue;
-    const double along2 = c.height2 / r2;
-    const Near near{across2 + along2, c.step};
-    if (is_full && !(near < nearest[kNeighbours - 1])) {
-      if (along2 > nearest[kNeighbours - 1].distance2) break;  // as are all after it
-      continue;
-    }
+  for (std::uint32_t place = 0; place < candidates.size(); ++place) {
+    const Candidate& c = candidates[place];
+    if (c.azimuth2_rad2 * r2 > limit) continue;
+    if (c.height2 / r2 > limit) break;  // as are all after it
+    const double distance2 = c.distance2(r2);
+    if (distance2 > limit) continue;
     std::size_t at = count;
-    for (; at > 0 && near < nearest[at - 1]; --at) nearest[at] = nearest[at - 1];
-    nearest[at] = near;
+    for (; at > 0 && distance2 < distances2[at - 1]; --at) {
+      distances2[at] = distances2[at - 1];
+      places[at] = places[at - 1];
+    }
+    distances2[at] = distance2;
+    places[at] = place;
     count = std::min(count + 1, kNeighbours);
+    if (count == kNeighbours) limit = distances2[kNeighbours - 1];
   }
   Steps steps;
-  for (std::size_t n = 0; n < kNeighbours; ++n) steps[n] = nearest[n].step;
+  for (std::size_t n = 0; n < kNeighbours; ++n) {
+    nearest[n] = places[n];
+    steps[n] = candidates[places[n]].step;
+  }
   return steps;
 }
 
-void LatticeBelts::enter(Belt& belt, std::uint32_t number) const {
+void LatticeBelts::enter(Belt& belt, std::uint32_t number) {
   const std::uint64_t middle =
       std::min<std::uint64_t>(std::uint64_t{number} * kBeltPoints + kBeltPoints / 2, size_ - 1);
   const double m = divisor_;
   const double a = std::max<double>(1, 2.0 * static_cast<double>(middle) + offset_);
   const double r2 = std::max(a * (2 * m - a), 1.0) / (m * m);  // squared radius of its circle
-  const Steps coarse = nearest_steps(coarse_, r2), fine = nearest_steps(fine_, r2);
+  const Steps coarse = nearest_steps(coarse_, r2, nearest_coarse_);
+  const Steps fine = nearest_steps(fine_, r2, nearest_fine_);
   for (std::uint32_t rest = 0; rest < kCoarsePoints; ++rest) {
     Offsets& offsets = belt.of[rest].offsets;
     std::size_t count = 0;

@@ -66,6 +66,9 @@ class LatticeBelts {
     std::uint32_t step;
     double azimuth2_rad2;  ///< from a point to the one so many before it, or back, squared
     double height2;        ///< the same of their heights on the unit sphere
+
+    /// On the belt whose circle has the squared radius r2.
+    double distance2(double r2) const { return azimuth2_rad2 * r2 + height2 / r2; }
   };
   struct Belt {
     bool is_known = false;
@@ -73,11 +76,15 @@ class LatticeBelts {
   };
   using Steps = std::array<std::uint32_t, kNeighbours>;
 
-  Steps nearest_steps(const std::vector<Candidate>& candidates, double r2) const;
-  void enter(Belt& belt, std::uint32_t number) const;
+  using Places = std::array<std::uint32_t, kNeighbours>;  ///< among candidates
+
+  /// The nearest first. `nearest` are any eight, best those of a belt beside it, and become these.
+  static Steps nearest_steps(const std::vector<Candidate>& candidates, double r2, Places& nearest);
+  void enter(Belt& belt, std::uint32_t number);
 
   std::uint32_t size_, divisor_, offset_, margin_;
   std::vector<Candidate> fine_, coarse_;  ///< increasing steps
+  Places nearest_fine_ = {0, 1, 2, 3, 4, 5, 6, 7}, nearest_coarse_ = nearest_fine_;
   std::vector<Belt> belts_;
 };
 

@@ -6,7 +6,7 @@
 namespace cellmap {
 namespace {
 
-constexpr std::array<std::pair<ErrorCode, std::string_view>, 12> kNames = {{
+constexpr std::array<std::pair<ErrorCode, std::string_view>, 16> kNames = {{
     {ErrorCode::kInvalidArgument, "invalid-argument"},
     {ErrorCode::kNotFound, "not-found"},
     {ErrorCode::kAlreadyExists, "already-exists"},
@@ -18,6 +18,10 @@ constexpr std::array<std::pair<ErrorCode, std::string_view>, 12> kNames = {{
     {ErrorCode::kUnavailable, "unavailable"},
     {ErrorCode::kCancelled, "cancelled"},
     {ErrorCode::kIo, "io"},
+    {ErrorCode::kUnauthenticated, "unauthenticated"},
+    {ErrorCode::kPermissionDenied, "permission-denied"},
+    {ErrorCode::kRateLimited, "rate-limited"},
+    {ErrorCode::kDiskFull, "disk-full"},
     {ErrorCode::kInternal, "internal"},
 }};
 

@@ -22,10 +22,19 @@ enum class ErrorCode {
   kCancelled,           ///< "cancelled": stopped at the caller's request
   kIo,                  ///< "io": the operating system, the disk or the network failed
   kInternal,            ///< "internal": a fault of this program
+  kUnauthenticated,     ///< "unauthenticated": no token, or one that is unknown or has expired
+  kPermissionDenied,    ///< "permission-denied": the token is not good for this
+  kRateLimited,         ///< "rate-limited": more requests than the token or the address may send
+  kDiskFull,            ///< "disk-full": nothing was changed; the same works once there is room
 };
 
 /// Stable lower-case name, for example "not-found".
 std::string_view to_string(ErrorCode code);
+
+/// The machine failed, not what it was given: kIo and kDiskFull.
+constexpr bool is_io(ErrorCode code) {
+  return code == ErrorCode::kIo || code == ErrorCode::kDiskFull;
+}
 
 /// Inverse of `to_string`; unknown names give `kInternal`.
 ErrorCode error_code_from_string(std::string_view name);

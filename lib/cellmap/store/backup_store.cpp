@@ -6,7 +6,6 @@
 #include <sqlite3.h>
 #include <unistd.h>
 
-#include "cellmap/core/disk_full.hpp"
 #include "cellmap/core/error.hpp"
 #include "cellmap/core/progress.hpp"
 #include "cellmap/store/sqlite_connection.hpp"
@@ -21,7 +20,7 @@ constexpr int kPagesAStep = 256;
 [[noreturn]] void fail(const SQLite::Exception& error) {
   const std::string detail = std::string(" (SQLite: ") + error.what() + ")";
   if (error.getErrorCode() == SQLITE_FULL) {
-    throw DiskFull("backup: the disk is full; free space and repeat" + detail);
+    throw Error(ErrorCode::kDiskFull, "backup: the disk is full; free space and repeat" + detail);
   }
   throw Error(ErrorCode::kIo, "backup: the copy cannot be written; check the disk" + detail);
 }

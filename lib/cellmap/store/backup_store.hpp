@@ -14,7 +14,7 @@ using BackupProgress = std::function<void(std::uint64_t done_bytes, std::uint64_
 /// Copies a store, which may be served and written meanwhile, at one revision into a file of its
 /// own, which is a store: to restore it, put it where the store was, with nothing beside it. The
 /// file appears whole or not at all. Throws Error{kAlreadyExists} where `to` is there, {kNotFound}
-/// without a store, {kIo} (DiskFull), {kCancelled}. O(file).
+/// without a store, {kIo}, {kDiskFull}, {kCancelled}. O(file).
 void backup_store(const std::filesystem::path& from, const std::filesystem::path& to,
                   const std::stop_token& stop = {}, const BackupProgress& progress = {});
 

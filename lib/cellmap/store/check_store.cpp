@@ -132,7 +132,7 @@ class StoreCheck {
       } catch (const Error& error) {
         // What went since the look began is not missing; what has no map was told already.
         if (error.code() == ErrorCode::kNotFound) continue;
-        if (error.code() == ErrorCode::kIo || error.code() == ErrorCode::kUnavailable) throw;
+        if (is_io(error.code()) || error.code() == ErrorCode::kUnavailable) throw;
         add(StoreDamage::kContent, name, id, error.what());
       }
       if (progress_) progress_(++done, report_.cells);

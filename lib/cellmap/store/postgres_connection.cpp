@@ -8,7 +8,7 @@
 #include <cstring>
 #include <vector>
 
-#include "cellmap/core/disk_full.hpp"
+#include "cellmap/core/error.hpp"
 
 namespace cellmap {
 namespace {
@@ -28,8 +28,8 @@ std::string without_line_end(const char* message) {
   const std::string detail = " (PostgreSQL " + (state.empty() ? "" : state + ": ") + message + ")";
   const auto is_of = [&](std::string_view of) { return state.starts_with(of); };
   if (state == "53100") {
-    throw DiskFull("store: the database's disk is full and nothing was changed; free space" +
-                   detail);
+    throw Error(ErrorCode::kDiskFull,
+                "store: the database's disk is full and nothing was changed; free space" + detail);
   }
   if (state.empty() || is_of("08") || is_of("53") || is_of("57") || is_of("40") ||
       state == "55P03" || state == "25006") {

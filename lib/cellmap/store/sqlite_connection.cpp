@@ -3,7 +3,7 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <sqlite3.h>
 
-#include "cellmap/core/disk_full.hpp"
+#include "cellmap/core/error.hpp"
 
 namespace cellmap {
 namespace {
@@ -19,8 +19,9 @@ namespace {
           ErrorCode::kCorruptData,
           "store: its file is damaged or no store at all; restore it from a backup" + detail);
     case SQLITE_FULL:
-      throw DiskFull("store: the disk is full and nothing was changed; free space and repeat" +
-                     detail);
+      throw Error(
+          ErrorCode::kDiskFull,
+          "store: the disk is full and nothing was changed; free space and repeat" + detail);
     case SQLITE_IOERR:
     case SQLITE_CANTOPEN:
     case SQLITE_PERM:

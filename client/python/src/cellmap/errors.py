@@ -6,7 +6,8 @@ class Error(Exception):
 
     ``code`` is one of the server's closed list (``schema/openapi.yaml``, "Problem"): ``invalid-argument``,
     ``not-found``, ``already-exists``, ``conflict``, ``precondition-failed``, ``corrupt-data``, ``unsupported``,
-    ``too-large``, ``unavailable``, ``cancelled``, ``io``, ``internal`` and others. Errors that arise on this side
+    ``too-large``, ``unavailable``, ``cancelled``, ``io``, ``unauthenticated``, ``permission-denied``, ``rate-limited``,
+    ``disk-full``, ``internal`` and those that only HTTP knows. Errors that arise on this side
     have a code of the same list: a server that is not there is ``unavailable``.
     """
 

@@ -17,7 +17,7 @@ MAX_ANSWER_BYTES = 1 << 30
 #: Where a server says nothing of its own, by status.
 _CODES = {400: "invalid-argument", 401: "unauthenticated", 403: "permission-denied", 404: "not-found", 409: "conflict",
           412: "precondition-failed", 413: "too-large", 415: "unsupported", 416: "range-not-satisfiable",
-          429: "unavailable", 502: "unavailable", 503: "unavailable", 504: "unavailable"}
+          429: "rate-limited", 502: "unavailable", 503: "unavailable", 504: "unavailable", 507: "disk-full"}
 
 
 @dataclass(frozen=True)
