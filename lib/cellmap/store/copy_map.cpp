@@ -82,16 +82,14 @@ std::vector<Table> tables() {
 }
 
 /// What is not set where a staged map begins; the lattice is.
-const std::vector<Column>& map_columns() {
-  static const std::vector<Column> kColumns = {
-      {"created", kInteger},       {"revision", kInteger},     {"next_constraint", kInteger},
-      {"cells", kInteger},         {"planes", kInteger},       {"constraints", kInteger},
-      {"encoded_bytes", kInteger}, {"stored_bytes", kInteger}, {"scans", kInteger},
-      {"raw_points", kInteger},    {"voxel_points", kInteger}, {"next_cell", kInteger},
-      {"oldest", kInteger},        {"latitude_deg", kReal},    {"longitude_deg", kReal},
-      {"height_m", kReal},         {"R_enu_map", kBytes},      {"encoding", kInteger},
-      {"bound_um", kInteger}};
-  return kColumns;
+std::vector<Column> map_columns() {
+  return {{"created", kInteger},       {"revision", kInteger},     {"next_constraint", kInteger},
+          {"cells", kInteger},         {"planes", kInteger},       {"constraints", kInteger},
+          {"encoded_bytes", kInteger}, {"stored_bytes", kInteger}, {"scans", kInteger},
+          {"raw_points", kInteger},    {"voxel_points", kInteger}, {"next_cell", kInteger},
+          {"oldest", kInteger},        {"latitude_deg", kReal},    {"longitude_deg", kReal},
+          {"height_m", kReal},         {"R_enu_map", kBytes},      {"encoding", kInteger},
+          {"bound_um", kInteger}};
 }
 
 const SqlStore& sql_store(const Store& store) {
@@ -134,12 +132,12 @@ class Copy {
   }
 
   void map_row() {
-    Query row(source_, "SELECT " + list(map_columns(), "", "") + " FROM map WHERE id = ?",
-              from_key_);
+    const std::vector<Column> columns = map_columns();
+    Query row(source_, "SELECT " + list(columns, "", "") + " FROM map WHERE id = ?", from_key_);
     row.next();
     target_.change_tables([&](SqlConnection& target) {
-      Query update(target, "UPDATE map SET " + list(map_columns(), "", " = ?") + " WHERE id = ?");
-      bind(update, map_columns(), row);
+      Query update(target, "UPDATE map SET " + list(columns, "", " = ?") + " WHERE id = ?");
+      bind(update, columns, row);
       update.bind(to_key_);
       update.run();
     });
