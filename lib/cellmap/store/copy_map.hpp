@@ -21,8 +21,8 @@ struct CopiedMap {
 ///
 /// Throws Error{kNotFound} without such a map, {kAlreadyExists} where `to` has one of that name,
 /// {kCorruptData} where the source's bytes are damaged or the copy's differ, {kUnsupported} for a
-/// store that is no SQL database, {kCancelled}. O(map); holds the bytes of one CELL in memory, and of a
-/// PostgreSQL source the other columns of one table.
+/// store that is no SQL database, {kCancelled}. O(map); holds the bytes of one CELL in memory, and
+/// of a PostgreSQL source the other columns of one table.
 CopiedMap copy_map(const Store& from, Store& to, const std::string& map,
                    const std::stop_token& stop = {},
                    const std::function<void(std::uint64_t cells, std::uint64_t of)>& progress = {});
