@@ -26,8 +26,8 @@ struct MessagePlace {
 
 /// A ROS 1 bag (format 2.0, compressed chunks too), read from its first to its last record. It is
 /// not trusted: every length is held against the bytes that are there before anything is read or
-/// allocated, and a chunk has at most 256 MiB. Its index is not used, so a bag that lacks it is read
-/// too. Memory: one chunk. Not thread safe.
+/// allocated, and a chunk has at most 256 MiB. Its index is not used, so a bag that lacks it is
+/// read too. Memory: one chunk. Not thread safe.
 class BagFile {
  public:
   /// Throws Error{kNotFound}, {kIo}, {kUnsupported} for bags of another format or encrypted ones.
