@@ -95,7 +95,7 @@ TEST_F(ApiJobs, AServerThatCarriesOutNoneLeavesThoseOfTheOtherAloneAndRefusesNew
   api_only.jobs.carries_out = false;
   start(std::move(api_only));
   EXPECT_EQ(store_->job(left.id).state, JobState::kRunning);
-  const Response refused = post(kJobs, job(R"("upload":true)"));
+  const Response refused = post(kJobs, upload(4));
   EXPECT_EQ(refused.status, 503);
   EXPECT_NE(std::string(body_view(refused)).find("--role"), std::string::npos);
 }
