@@ -109,12 +109,13 @@ describe("with a map", () => {
     await page.getByLabel(/Folder of the drive/).fill(join(viewer.town.folder, "drive"));
     await page.getByLabel(/Session/).fill("tuesday");
     const before = await cellsInSight(page);
-    await page.getByRole("button", { name: "Start ingest" }).click();
-    // A quick server is done before the first picture of it running.
-    await page.locator('.job:is([data-state="running"], [data-state="succeeded"])').first().waitFor();
-    await expect.poll(() => cellsInSight(page), { timeout: 150_000 }).toBeGreaterThan(before);
-    await screenshot(page, "08-job");
-    await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 150_000 });
+    await viewer.server.slowly(async () => {
+      await page.getByRole("button", { name: "Start ingest" }).click();
+      await page.locator('.job[data-state="running"]').waitFor();
+      await expect.poll(() => cellsInSight(page), { timeout: 150_000 }).toBeGreaterThan(before);
+      await screenshot(page, "08-job");
+      await page.locator('.job[data-state="succeeded"]').waitFor({ timeout: 150_000 });
+    });
     await page.getByRole("img", { name: /Scans a second, up to/ }).waitFor();
     await page.getByText(/70 of 70 scans/).waitFor();
     await screenshot(page, "08-job-done");
