@@ -67,30 +67,6 @@ TEST(LoopCandidates, OfAnUnknownCellAreRefused) {
       ErrorCode::kNotFound, [] { find_loop_candidates({}, {3}, {}); }, "CELL 3");
 }
 
-TEST(LoopCandidates, AreGuessedAlongAClosureWhereThatIsTheShorterWay) {
-  PoseGraph graph = straight_session(40);
-  graph.nodes[{40}] = graph.nodes[{1}];
-  graph.nodes[{40}].translation().y() = 5;  // drift
-  LoopOptions options;
-  options.candidates = 3;
-  auto found = find_loop_candidates(graph, {40}, options);
-  ASSERT_EQ(found.size(), 3u);  // CELLs 1, 2 and 3
-  LoopClosure closure{{1}, {40}, {}};
-  closure.result.T_target_source.translation().x() = 0.5;
-  guess_along({closure}, graph, found);
-  EXPECT_NEAR(found[2].path_m, 0.5 + 2 * 6, 1e-9);
-  EXPECT_LT((found[2].T_candidate_query.translation() - Eigen::Vector3d(0.5 - 12, 0, 0)).norm(),
-            1e-9);
-  // A longer way, and one that leads nowhere, change nothing.
-  const LoopClosure far{{20}, {40}, {}}, lost{{77}, {40}, {}};
-  const auto before = found;
-  guess_along({far, lost}, graph, found);
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    EXPECT_EQ(found[i].path_m, before[i].path_m);
-    EXPECT_EQ(found[i].T_candidate_query.matrix(), before[i].T_candidate_query.matrix());
-  }
-}
-
 /// A loop from the street to another scene, both seen from the same pose.
 std::optional<LoopClosure> close_loop(const test::BoxScene& query_scene, LoopAcceptance accept) {
   const Pose at = Pose::Identity();

@@ -2,12 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <map>
 #include <numbers>
-#include <optional>
 #include <queue>
-#include <span>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -25,8 +22,6 @@ constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kLeastShiftM = 2.0, kLeastTurnDeg = 5.0;
 /// What a registration reaches from one start on a wide gate.
 constexpr double kReachM = 3.0;
-/// Candidates that are verified before all others, which are then guessed from them.
-constexpr std::size_t kFirst = 2;
 
 /// CELLs within `hops` neighbours of `query` in its session, itself included.
 std::map<CellId, std::size_t> session_neighbours(const Adjacency& adjacency, CellId query,
@@ -60,33 +55,23 @@ struct Allowance {
   }
 };
 
-/// Whether the guess may be off by more than a registration from it mends.
-bool is_uncertain(const LoopCandidate& guess, const LoopOptions& options) {
-  return options.drift_m_per_m * guess.path_m >= 1.0;
-}
-
 /// A CELL that may close loops, with what all its candidates are compared with.
 struct LoopQuery {
   CellId id;
   const RegistrationTarget& target;
   const PointCloud& scan;
-  std::optional<RecentredImages> images;  ///< where a guess was uncertain so far
+  RecentredImages images;
 
-  void prepare_for(std::span<const LoopCandidate> guesses, const LoopOptions& options) {
-    const auto needs_them = [&](const LoopCandidate& guess) {
-      return is_uncertain(guess, options);
-    };
-    if (!images && std::ranges::any_of(guesses, needs_them)) images.emplace(scan);
-  }
+  LoopQuery(CellId query_id, const RegistrationTarget& query, const PointCloud& query_scan)
+      : id(query_id), target(query), scan(query_scan), images(query_scan) {}
 };
 
-/// The guess; where it is uncertain, also turned by 5 deg either way, and the best alignments of
-/// the images that are allowed.
+/// The guess, turned by 5 deg either way, and the best alignments of the images that are allowed.
 std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const LoopQuery& query,
                                  const LoopCandidate& guess, const LoopOptions& options) {
   const Pose& T = guess.T_candidate_query;
   std::vector<Pose> starts = {T};
-  if (!is_uncertain(guess, options)) return starts;
+  if (options.drift_m_per_m * guess.path_m < 1.0) return starts;
   for (const double turn_deg : {-5.0, 5.0}) {
     starts.push_back(T * upright_pose(0, 0, turn_deg * kRadPerDeg));
   }
@@ -94,7 +79,7 @@ std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const Loop
   allowance.shift_m += kReachM;
   allowance.turn_rad += 6 * kRadPerDeg;
   const PolarImage image(reconstruct_points(candidate.cell(), candidate.lattice()));
-  for (const Alignment& alignment : query.images->align(image, 4 * options.seeds)) {
+  for (const Alignment& alignment : query.images.align(image, 4 * options.seeds)) {
     if (starts.size() >= options.seeds + 3) break;
     Pose start = alignment.T_cell_scan;
     start.translation().z() = 0;
@@ -154,29 +139,6 @@ std::optional<LoopClosure> verify(const RegistrationTarget& candidate, const Loo
     }
   }
   return std::nullopt;
-}
-
-/// The candidates that close, in their order.
-std::vector<LoopClosure> verify_all(std::span<const LoopCandidate> candidates, LoopQuery& query,
-                                    const TargetProvider& targets, const LoopOptions& options) {
-  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;  // a provider has one caller
-  for (const LoopCandidate& candidate : candidates) loaded.push_back(targets(candidate.cell));
-  query.prepare_for(candidates, options);
-
-  LoopOptions serial = options;
-  serial.registration.threads = 1;
-  std::vector<std::optional<LoopClosure>> verified(candidates.size());
-  parallel_for(candidates.size(), 1, options.registration.threads,
-               [&](std::size_t begin, std::size_t end) {
-                 for (std::size_t i = begin; i < end; ++i) {
-                   verified[i] = verify(*loaded[i], query, candidates[i], serial);
-                 }
-               });
-  std::vector<LoopClosure> closures;
-  for (std::optional<LoopClosure>& closure : verified) {
-    if (closure) closures.push_back(std::move(*closure));
-  }
-  return closures;
 }
 
 void require(bool holds, const char* rule) {
@@ -244,46 +206,36 @@ std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId q
   return found;
 }
 
-void guess_along(const std::vector<LoopClosure>& closures, const PoseGraph& graph,
-                 std::span<LoopCandidate> candidates) {
-  if (closures.empty() || candidates.empty()) return;
-  const Adjacency adjacency = adjacency_of(graph);
-  for (const LoopClosure& closure : closures) {
-    const Pose& T_from_query = closure.result.T_target_source;
-    const auto lengths = path_lengths(adjacency, closure.from);
-    for (LoopCandidate& candidate : candidates) {
-      const auto length = lengths.find(candidate.cell);
-      if (length == lengths.end()) continue;
-      const double path_m = T_from_query.translation().norm() + length->second;
-      if (path_m >= candidate.path_m) continue;
-      candidate.path_m = path_m;
-      candidate.T_candidate_query =
-          graph.nodes.at(candidate.cell).inverse() * graph.nodes.at(closure.from) * T_from_query;
-    }
-  }
-}
-
 std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
                                        const RegistrationTarget& query,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options) {
-  LoopQuery loop_query{query_id, query, query_scan, {}};
-  loop_query.prepare_for({&guess, 1}, options);
-  return verify(candidate, loop_query, guess, options);
+  return verify(candidate, LoopQuery(query_id, query, query_scan), guess, options);
 }
 
 std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
                                       const PointCloud& query_scan, const TargetProvider& targets,
                                       const LoopOptions& options) {
-  std::vector<LoopCandidate> candidates = find_loop_candidates(graph, query, options);
+  const std::vector<LoopCandidate> candidates = find_loop_candidates(graph, query, options);
   if (candidates.empty()) return {};
   const auto own = targets(query);
-  LoopQuery loop_query{query, *own, query_scan, {}};
-  const auto first = std::span(candidates).first(std::min(kFirst, candidates.size()));
-  std::vector<LoopClosure> closures = verify_all(first, loop_query, targets, options);
-  const auto others = std::span(candidates).subspan(first.size());
-  guess_along(closures, graph, others);
-  std::ranges::move(verify_all(others, loop_query, targets, options), std::back_inserter(closures));
+  const LoopQuery loop_query(query, *own, query_scan);
+  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;  // a provider has one caller
+  for (const LoopCandidate& candidate : candidates) loaded.push_back(targets(candidate.cell));
+
+  LoopOptions serial = options;
+  serial.registration.threads = 1;
+  std::vector<std::optional<LoopClosure>> verified(candidates.size());
+  parallel_for(candidates.size(), 1, options.registration.threads,
+               [&](std::size_t begin, std::size_t end) {
+                 for (std::size_t i = begin; i < end; ++i) {
+                   verified[i] = verify(*loaded[i], loop_query, candidates[i], serial);
+                 }
+               });
+  std::vector<LoopClosure> closures;
+  for (std::optional<LoopClosure>& closure : verified) {
+    if (closure) closures.push_back(std::move(*closure));
+  }
   return closures;
 }
 

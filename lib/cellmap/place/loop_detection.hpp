@@ -4,7 +4,6 @@
 #include <limits>
 #include <memory>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -79,12 +78,6 @@ struct LoopOptions {
 std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId query,
                                                 const LoopOptions& options);
 
-/// Guesses candidates along closures that were found since: where a closure is a shorter way to a
-/// candidate than the graph had, `T_candidate_query` and `path_m` become those along it. Less
-/// drift, so fewer starts and a narrower allowance. O(closures x constraints log CELLs).
-void guess_along(const std::vector<LoopClosure>& closures, const PoseGraph& graph,
-                 std::span<LoopCandidate> candidates);
-
 /// Registers the query's base scan to the candidate from the guess and, where that is uncertain,
 /// from yaw and translation seeds around it; checks the answer in the reverse direction with the
 /// candidate's reconstructed points. Nullopt where no seed passes.
@@ -93,9 +86,8 @@ std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options);
 
-/// All candidates of a CELL, each tried; every closure that passes, nearest first. The nearest two
-/// come first and the others are guessed along what they close. `query_scan` is the base scan, or
-/// the CELL's reconstructed points where no scan was kept. Deterministic for any thread count.
+/// All candidates of a CELL, each tried; every closure that passes. `query_scan` is the base scan,
+/// or the CELL's reconstructed points where no scan was kept. Deterministic.
 std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
                                       const PointCloud& query_scan, const TargetProvider& targets,
                                       const LoopOptions& options);
