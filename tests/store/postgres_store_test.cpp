@@ -31,11 +31,12 @@ class PostgresStoreTest : public ::testing::Test {
   }
 
   std::unique_ptr<Store> open() const { return open_postgres_store(address_); }
-  /// Ends all other connections, as a server that restarts does.
+  /// Ends the store's connections, as a server that restarts does, and waits until they have ended.
   void cut_connections() const {
     PostgresConnection connection(address_);
     connection.execute(
-        "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid() "
+        "SELECT pg_terminate_backend(pid, 10000) FROM pg_stat_activity WHERE pid <> "
+        "pg_backend_pid() "
         "AND application_name = 'cellmap-cut'");
   }
 

@@ -10,22 +10,22 @@ namespace cellmap {
 /// The API maps each code to one HTTP status (server/problem.hpp), the command line to one exit
 /// code (client/cli/exit_code.hpp). The names returned by `to_string` are part of the API.
 enum class ErrorCode {
-  kInvalidArgument,     ///< "invalid-argument": a value is malformed or outside its documented range
-  kNotFound,            ///< "not-found": the named map, CELL, job, loop or file does not exist
-  kAlreadyExists,       ///< "already-exists": the name is taken by something else
-  kConflict,            ///< "conflict": the operation contradicts the present state
+  kInvalidArgument,  ///< "invalid-argument": a value is malformed or outside its documented range
+  kNotFound,         ///< "not-found": the named map, CELL, job, loop or file does not exist
+  kAlreadyExists,    ///< "already-exists": the name is taken by something else
+  kConflict,         ///< "conflict": the operation contradicts the present state
   kPreconditionFailed,  ///< "precondition-failed": a stated condition (If-Match) does not hold
   kCorruptData,         ///< "corrupt-data": bytes fail verification or validation
-  kUnsupported,         ///< "unsupported": well-formed, but a kind or version this build cannot read
-  kTooLarge,            ///< "too-large": over a documented limit
-  kUnavailable,         ///< "unavailable": overloaded or shutting down; the same request may work later
-  kCancelled,           ///< "cancelled": stopped at the caller's request
-  kIo,                  ///< "io": the operating system, the disk or the network failed
-  kInternal,            ///< "internal": a fault of this program
-  kUnauthenticated,     ///< "unauthenticated": no token, or one that is unknown or has expired
-  kPermissionDenied,    ///< "permission-denied": the token is not good for this
-  kRateLimited,         ///< "rate-limited": more requests than the token or the address may send
-  kDiskFull,            ///< "disk-full": nothing was changed; the same works once there is room
+  kUnsupported,  ///< "unsupported": well-formed, but a kind or version this build cannot read
+  kTooLarge,     ///< "too-large": over a documented limit
+  kUnavailable,  ///< "unavailable": overloaded or shutting down; the same request may work later
+  kCancelled,    ///< "cancelled": stopped at the caller's request
+  kIo,           ///< "io": the operating system, the disk or the network failed
+  kInternal,     ///< "internal": a fault of this program
+  kUnauthenticated,   ///< "unauthenticated": no token, or one that is unknown or has expired
+  kPermissionDenied,  ///< "permission-denied": the token is not good for this
+  kRateLimited,       ///< "rate-limited": more requests than the token or the address may send
+  kDiskFull,          ///< "disk-full": nothing was changed; the same works once there is room
 };
 
 /// Stable lower-case name, for example "not-found".
