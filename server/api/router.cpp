@@ -19,30 +19,45 @@ std::string decoded_or_throw(std::string_view text) {
   return *std::move(decoded);
 }
 
-std::vector<std::string_view> segments_of(std::string_view path) {
+/// Without a slash at its begin.
+std::string_view relative(std::string_view path) {
   if (path.starts_with('/')) path.remove_prefix(1);
-  std::vector<std::string_view> segments;
-  for (;;) {
-    const auto slash = path.find('/');
-    segments.push_back(path.substr(0, slash));
-    if (slash == std::string_view::npos) return segments;
-    path.remove_prefix(slash + 1);
+  return path;
+}
+
+/// Takes the first segment from a path; nullopt where there is none any more.
+std::optional<std::string_view> take_segment(std::optional<std::string_view>& path) {
+  if (!path) return std::nullopt;
+  const auto slash = path->find('/');
+  const auto segment = path->substr(0, slash);
+  path = slash == path->npos ? std::nullopt : std::optional(path->substr(slash + 1));
+  return segment;
+}
+
+bool is_parameter(std::string_view segment) { return segment.starts_with('{'); }
+
+/// True where the path has the pattern's segments, whatever its parameters are. Nearly all routes
+/// are passed over here, so it makes nothing.
+bool fits(std::string_view pattern, std::string_view path) {
+  std::optional<std::string_view> expected = relative(pattern), found = relative(path);
+  while (expected && found) {
+    const auto wanted = *take_segment(expected), segment = *take_segment(found);
+    if (is_parameter(wanted) ? segment.empty() : wanted != segment) return false;
   }
+  return !expected && !found;
 }
 
 std::optional<std::map<std::string, std::string>> match(std::string_view pattern,
                                                         std::string_view path) {
-  const auto expected = segments_of(pattern), found = segments_of(path);
-  if (expected.size() != found.size()) return std::nullopt;
+  if (!fits(pattern, path)) return std::nullopt;
   std::map<std::string, std::string> parameters;
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    if (expected[i].starts_with('{')) {
-      auto value = percent_decoded(found[i]);
-      if (!value || value->empty()) return std::nullopt;
-      parameters.emplace(expected[i].substr(1, expected[i].size() - 2), *std::move(value));
-    } else if (expected[i] != found[i]) {
-      return std::nullopt;
-    }
+  std::optional<std::string_view> expected = relative(pattern), found = relative(path);
+  while (expected && found) {
+    const auto wanted = *take_segment(expected), segment = *take_segment(found);
+    if (!is_parameter(wanted)) continue;
+    auto value = percent_decoded(segment);
+    if (!value || value->empty()) return std::nullopt;
+    parameters.emplace(wanted.substr(1, wanted.size() - 2), *std::move(value));
   }
   return parameters;
 }

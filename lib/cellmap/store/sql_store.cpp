@@ -49,6 +49,7 @@ SqlStore::SqlStore(SqlEngine engine)
       writer_(std::move(engine.writer)),
       readers_(std::move(engine.open_reader), engine.max_readers),
       cache_(engine.cache_bytes),
+      is_only_writer_(engine.is_only_writer),
       commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {
   if (!writer_) return;
   std::optional<Stamp> created_before;
@@ -184,6 +185,25 @@ CellRecord SqlStore::cell(const std::string& map, CellId id) const {
   });
 }
 
+std::shared_ptr<const KnownCell> SqlStore::known_cell(const std::string& map, CellId id) const {
+  const auto state = is_only_writer_ ? known_.state() : std::nullopt;
+  return state ? known_.find(*state, map, id) : nullptr;
+}
+
+CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
+  if (const auto known = known_cell(map, id)) return {known->revision, known->record};
+  const auto state = known_.state();  // before it is read
+  const auto cell = readers_.read([&](SqlConnection& c) {
+    const MapRow row = read_map_row(c, map);
+    const auto record = find_cell(c, row.key, id);
+    const auto kept = find_kept(c, row.key, id);
+    if (!record || !kept) throw no_cell(map, id);
+    return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
+  });
+  if (is_only_writer_ && state) known_.insert(*state, map, cell);
+  return {cell->revision, cell->record};
+}
+
 std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,
                                           std::size_t count) const {
   validate_position(position);
@@ -196,6 +216,10 @@ std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::V
 }
 
 StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
+  if (const auto known = known_cell(map, id)) {
+    StoredCell cell{known->kept.hash, known->kept.form, cache_.find(known->kept.content)};
+    if (cell.frame) return cell;
+  }
   return readers_.read([&](SqlConnection& c) {
     const auto kept = find_kept(c, read_map_row(c, map).key, id);
     if (!kept) throw no_cell(map, id);
@@ -275,6 +299,7 @@ void SqlStore::change_tables(const std::function<void(SqlConnection&)>& change) 
 /// One transaction for all, one savepoint for each: a write that fails takes back only its own.
 void SqlStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
   SqlConnection& connection = *writer_;
+  const KnownCells::Change change(known_);
   try {
     connection.begin_write();
     for (GroupCommit::Write* const write : batch) {

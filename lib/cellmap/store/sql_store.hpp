@@ -8,8 +8,10 @@
 #include <vector>
 
 #include "cellmap/store/blob_cache.hpp"
+#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
+#include "cellmap/store/known_cells.hpp"
 #include "cellmap/store/sql_pool.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/staging.hpp"
@@ -27,11 +29,13 @@ struct SqlEngine {
   std::size_t cache_bytes = 64u << 20;    ///< of hot CELL blobs
   /// Staged maps of this age were left by a crash; nullopt: all were, since nobody else writes.
   std::optional<std::chrono::hours> staging_limit;
+  /// Nobody writes but through this store, for as long as it is open.
+  bool is_only_writer = false;
 };
 
 /// A store in an SQL database whose schema is this build's. Engines differ in how they connect and
 /// in what they can do besides.
-class SqlStore : public Store, public Documents, public Staging {
+class SqlStore : public Store, public Documents, public Staging, public CurrentCells {
  public:
   explicit SqlStore(SqlEngine engine);
 
@@ -57,6 +61,7 @@ class SqlStore : public Store, public Documents, public Staging {
   std::vector<SessionInfo> sessions(const std::string& map) const override;
   CellPage cells(const std::string& map, const CellQuery& query) const override;
   CellRecord cell(const std::string& map, CellId id) const override;
+  CurrentCell current_cell(const std::string& map, CellId id) const override;
   std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                   std::size_t count) const override;
   StoredCell stored_cell(const std::string& map, CellId id) const override;
@@ -80,12 +85,16 @@ class SqlStore : public Store, public Documents, public Staging {
 
  private:
   void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
+  /// Null where it has to be read.
+  std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
 
   const std::string name_;
   const std::shared_ptr<const void> held_;
   const std::unique_ptr<SqlConnection> writer_;  ///< of the head of `commits_`
   mutable SqlPool readers_;
   mutable BlobCache cache_;
+  const bool is_only_writer_;
+  mutable KnownCells known_;
   mutable MapSummaries summaries_;
   mutable GroupCommit commits_;
 };
