@@ -104,10 +104,8 @@ std::string number_text(double value) {
 
 /// The three forms of a CELL, each with its own entity tag.
 struct CellTags {
-  explicit CellTags(const ContentHash& hash)
-      : identity('"' + to_hex(hash) + '"'),
-        zstd('"' + to_hex(hash) + "-zstd\""),
-        json('"' + to_hex(hash) + "-json\"") {}
+  explicit CellTags(const std::string& hash)
+      : identity('"' + hash + '"'), zstd('"' + hash + "-zstd\""), json('"' + hash + "-json\"") {}
   std::string identity, zstd, json;
 };
 
@@ -176,13 +174,14 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
   if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
   const auto& map = call.path("map");
   const auto [revision, record] = current_cell(services.store, map, CellId{call.path_id("cell")});
-  const CellTags tags(record.hash);
+  const std::string hash = to_hex(record.hash);
+  const CellTags tags(hash);
 
   // A CELL gets other content where its map is converted: for ever is only what a hash names.
   const auto asked = call.query("hash");
-  if (asked && *asked != to_hex(record.hash)) {
-    throw Error(ErrorCode::kNotFound, "The CELL has not the content 'hash' names (any more), but " +
-                                          to_hex(record.hash) + ".");
+  if (asked && *asked != hash) {
+    throw Error(ErrorCode::kNotFound,
+                "The CELL has not the content 'hash' names (any more), but " + hash + ".");
   }
   Response response;
   response.headers.set("Cache-Control",

@@ -1,5 +1,8 @@
 #include "server/api/router.hpp"
 
+#include <algorithm>
+#include <span>
+
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/access.hpp"
@@ -19,45 +22,36 @@ std::string decoded_or_throw(std::string_view text) {
   return *std::move(decoded);
 }
 
-/// Without a slash at its begin.
-std::string_view relative(std::string_view path) {
+std::vector<std::string_view> segments_of(std::string_view path) {
   if (path.starts_with('/')) path.remove_prefix(1);
-  return path;
-}
-
-/// Takes the first segment from a path; nullopt where there is none any more.
-std::optional<std::string_view> take_segment(std::optional<std::string_view>& path) {
-  if (!path) return std::nullopt;
-  const auto slash = path->find('/');
-  const auto segment = path->substr(0, slash);
-  path = slash == path->npos ? std::nullopt : std::optional(path->substr(slash + 1));
-  return segment;
+  std::vector<std::string_view> segments;
+  segments.reserve(8);
+  for (;;) {
+    const auto slash = path.find('/');
+    segments.push_back(path.substr(0, slash));
+    if (slash == std::string_view::npos) return segments;
+    path.remove_prefix(slash + 1);
+  }
 }
 
 bool is_parameter(std::string_view segment) { return segment.starts_with('{'); }
 
-/// True where the path has the pattern's segments, whatever its parameters are. Nearly all routes
-/// are passed over here, so it makes nothing.
-bool fits(std::string_view pattern, std::string_view path) {
-  std::optional<std::string_view> expected = relative(pattern), found = relative(path);
-  while (expected && found) {
-    const auto wanted = *take_segment(expected), segment = *take_segment(found);
-    if (is_parameter(wanted) ? segment.empty() : wanted != segment) return false;
-  }
-  return !expected && !found;
+/// Whatever the parameters are.
+bool has_segments(std::span<const std::string> pattern, std::span<const std::string_view> path) {
+  return std::ranges::equal(pattern, path, [](std::string_view expected, std::string_view found) {
+    return is_parameter(expected) || expected == found;
+  });
 }
 
-std::optional<std::map<std::string, std::string>> match(std::string_view pattern,
-                                                        std::string_view path) {
-  if (!fits(pattern, path)) return std::nullopt;
+std::optional<std::map<std::string, std::string>> match(std::span<const std::string> pattern,
+                                                        std::span<const std::string_view> path) {
+  if (!has_segments(pattern, path)) return std::nullopt;
   std::map<std::string, std::string> parameters;
-  std::optional<std::string_view> expected = relative(pattern), found = relative(path);
-  while (expected && found) {
-    const auto wanted = *take_segment(expected), segment = *take_segment(found);
-    if (!is_parameter(wanted)) continue;
-    auto value = percent_decoded(segment);
+  for (std::size_t i = 0; i < pattern.size(); ++i) {
+    if (!is_parameter(pattern[i])) continue;
+    auto value = percent_decoded(path[i]);
     if (!value || value->empty()) return std::nullopt;
-    parameters.emplace(wanted.substr(1, wanted.size() - 2), *std::move(value));
+    parameters.emplace(pattern[i].substr(1, pattern[i].size() - 2), *std::move(value));
   }
   return parameters;
 }
@@ -150,14 +144,18 @@ std::shared_ptr<ByteFile> Call::file() const {
 
 void Router::add(Route route) {
   route.scope = scope_of(route.method, route.pattern);
+  const auto segments = segments_of(route.pattern);
+  segments_.emplace_back(segments.begin(), segments.end());
   routes_.push_back(std::move(route));
 }
 
 Router::Match Router::find(std::string_view method, std::string_view path) const {
   Match result;
-  for (const auto& route : routes_) {
-    auto parameters = match(route.pattern, path);
+  const auto segments = segments_of(path);
+  for (std::size_t i = 0; i < routes_.size(); ++i) {
+    auto parameters = match(segments_[i], segments);
     if (!parameters) continue;
+    const Route& route = routes_[i];
     const bool fits = route.method == method || (route.method == "GET" && method == "HEAD");
     if (fits) return {&route, *std::move(parameters), {}};
     const std::string name = route.method == "GET" ? "GET, HEAD" : route.method;

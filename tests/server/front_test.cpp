@@ -85,6 +85,52 @@ TEST(Front, AnAnswerWaitsForNoAcknowledgement) {
   thread.join();
 }
 
+TEST(Front, WhatComesWhileAllQuickWorkersAreAtWorkWaitsOrIsRefusedAndTheOthersGoOn) {
+  std::vector<Listener> listeners;
+  listeners.emplace_back("127.0.0.1:0");
+  const int port = listeners.front().port();
+  FrontOptions options;
+  options.quick_workers = 2;
+  options.max_waiting = 3;
+  std::atomic<int> at_work = 0;
+  std::atomic<bool> released = false;
+  Front front(std::move(listeners), options,
+              {[](const RequestHead& head) { return head.target == "/patient"; },
+               [&](Connection& connection, const RequestHead& head) {
+                 const bool is_slow = head.target == "/slow";
+                 at_work += is_slow;
+                 while (is_slow && !released) std::this_thread::yield();
+                 connection.write(is_slow ? "slow" : "whole");
+                 return false;
+               },
+               [](const std::exception&) {}});
+  std::thread thread([&] { front.run(); });
+  std::vector<std::thread> clients;
+  std::atomic<int> slow = 0, answered = 0, refused = 0;
+  for (int i = 0; i < 2; ++i) {
+    clients.emplace_back([&] { slow += ask(port, "/slow") == "slow"; });
+  }
+  while (at_work < 2) std::this_thread::yield();
+  for (int i = 0; i < 10; ++i) {
+    clients.emplace_back([&] {
+      const std::string answer = ask(port, "/");
+      answered += answer == "whole";
+      const bool is_told = answer.find("\r\nRetry-After: ") != std::string::npos;
+      refused += is_told && answer.starts_with("HTTP/1.1 503");
+    });
+  }
+  EXPECT_EQ(ask(port, "/patient"), "whole");
+  while (refused < 7) std::this_thread::yield();  // while the others wait
+  EXPECT_EQ(answered, 0);
+  released = true;
+  for (std::thread& client : clients) client.join();
+  EXPECT_EQ(slow, 2);
+  EXPECT_EQ(answered, 3);
+  EXPECT_EQ(refused, 7);
+  front.stop();
+  thread.join();
+}
+
 /// True where the connection is made within the patience, without anybody accepting it.
 bool is_made(int socket, const sockaddr_in& address) {
   if (::connect(socket, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) {

@@ -10,8 +10,6 @@
 namespace cellmap::test {
 namespace {
 
-constexpr LatticeSpec kLattice{LatticeKind::kFibonacci, 1000};
-
 /// Asked for twice, since the second answer may be one that was kept.
 void expect_current(const Store& store, const std::string& map, CellId id) {
   for (int i = 0; i < 2; ++i) {
@@ -24,7 +22,7 @@ void expect_current(const Store& store, const std::string& map, CellId id) {
 }
 
 TEST_P(StoreContract, WhatWasAskedForIsNeverOlderThanTheLastChange) {
-  store_->create_map("town", kLattice);
+  store_->create_map("town", {});
   store_->commit("town", adding({make_cell(1), make_cell(2, pose_at(5, 0))}));
   expect_current(*store_, "town", {1});
   store_->commit("town", moving({{CellId{2}, pose_at(6, 0)}}));  // another CELL: the revision only
@@ -40,7 +38,7 @@ TEST_P(StoreContract, WhatWasAskedForIsNeverOlderThanTheLastChange) {
 }
 
 TEST_P(StoreContract, WhatWasRemovedIsNotFoundHoweverOftenItWasAskedFor) {
-  store_->create_map("town", kLattice);
+  store_->create_map("town", {});
   store_->commit("town", adding({make_cell(1)}));
   expect_current(*store_, "town", {1});
   MapUpdate without;
@@ -52,12 +50,12 @@ TEST_P(StoreContract, WhatWasRemovedIsNotFoundHoweverOftenItWasAskedFor) {
   expect_current(*store_, "town", {2});
   store_->delete_map("town");
   expect_error(ErrorCode::kNotFound, [&] { current_cell(*store_, "town", {2}); });
-  store_->create_map("town", kLattice);
+  store_->create_map("town", {});
   expect_error(ErrorCode::kNotFound, [&] { current_cell(*store_, "town", {2}); });
 }
 
 TEST_P(StoreContract, WhoReadsBesideAWriterSeesEveryChangeThatWasMadeBeforeItAsked) {
-  store_->create_map("town", kLattice);
+  store_->create_map("town", {});
   store_->commit("town", adding({make_cell(1)}));
   std::atomic<Revision> committed = store_->version("town").revision;
   std::atomic<bool> done = false;
