@@ -61,13 +61,12 @@ class World:
         self.options, self.folder = options, folder
         (folder / "data").mkdir()
         drive = self.simulate("drive", scans=120, columns=500)
-        self.simulate("thin", scans=40, columns=120)  # CELLs of 30 KB
         self.server = Server(options.cellmapd, folder / "store.db", folder / "data")
         self.server.start()
         self.api = self.server.api
         self.url = f"http://127.0.0.1:{self.server.port}"
-        for name, session, path in (("town", "drive", "drive"), ("up", "up", "drive"), ("thin", "thin", "thin")):
-            self.ingest(name, session, path)
+        for name, session in (("town", "drive"), ("up", "up")):
+            self.ingest(name, session)
         self.lattice = self.api.get("/v1/maps/town")["lattice"]
         self.cells = self.save("town")
         self.upload = list(self.save("up").values())[:8]
@@ -79,7 +78,7 @@ class World:
                         "--out", str(drive), "--json"], check=True, stdout=subprocess.DEVNULL)
         return drive
 
-    def ingest(self, name, session, path):
+    def ingest(self, name, session, path="drive"):
         job = self.api.send("POST", f"/v1/maps/{name}/jobs", {"kind": "ingest", "path": path, "session": session, "create_map": True})
         while job["state"] in ("queued", "running"):
             time.sleep(0.1)
@@ -180,6 +179,8 @@ def stored_bytes(world, name, cell):
 
 def beside_nginx(world, seconds):
     """In turns, so that what else the machine does hits both."""
+    world.simulate("thin", scans=40, columns=120)  # CELLs of 30 KB
+    world.ingest("thin", "thin", "thin")
     thin = {cell["id"]: stored_bytes(world, "thin", cell["id"]) for cell in world.api.get("/v1/maps/thin/cells")["cells"]}
     typical = min(thin, key=lambda cell: abs(len(thin[cell]) - 30_000))
     _, large = min((Path(path).stat().st_size, cell) for cell, (_, path) in world.cells.items())

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -120,7 +121,9 @@ TEST(Front, WhatComesWhileAllQuickWorkersAreAtWorkWaitsOrIsRefusedAndTheOthersGo
     });
   }
   EXPECT_EQ(ask(port, "/patient"), "whole");
-  while (refused < 7) std::this_thread::yield();  // while the others wait
+  // While the others wait.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+  while (refused < 7 && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
   EXPECT_EQ(answered, 0);
   released = true;
   for (std::thread& client : clients) client.join();
