@@ -85,6 +85,13 @@ class Cluster:
     def sql(self, text):
         return self.call("psql", "-XAtq", "--host", self.folder, "--username", "postgres", "--dbname", "postgres", "--command", text).strip()
 
+    def script(self, text):
+        """What psql prints of statements that may be long."""
+        file = self.folder / "script.sql"
+        file.write_text(text)
+        return self.call("psql", "-XAtq", "--set", "ON_ERROR_STOP=1", "--host", self.folder, "--username", "postgres", "--dbname",
+                         "postgres", "--file", file)
+
     def stop(self):
         self.call("pg_ctl", "--pgdata", self.data, "--mode", "immediate", "stop")
 

@@ -3,6 +3,7 @@
 does and what must hold:
 
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
+capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 
 Every row prints a line and is asserted; --json has its figures.
 """
@@ -21,6 +22,7 @@ from support import missing, note  # noqa: E402
 # What each needs beside the two programs: a database, programs, or to be root.
 ROWS = {
     "server-killed": ("postgres", "haproxy", "nginx"),
+    "capacity": ("postgres",),
 }
 SHORT = ("server-killed",)
 
