@@ -16,7 +16,15 @@ class Refused(Exception):
 
     def __init__(self, status, body):
         super().__init__(f"{status}: {body[:300]!r}")
-        self.status = status
+        self.status, self.body = status, body
+
+    @property
+    def code(self):
+        """Of a problem document; else None."""
+        try:
+            return json.loads(self.body).get("code")
+        except ValueError:
+            return None
 
 
 class Api:

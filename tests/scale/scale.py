@@ -3,6 +3,7 @@
 does and what must hold:
 
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
+failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 
 Every row prints a line and is asserted; --json has its figures.
@@ -22,6 +23,7 @@ from support import missing, note  # noqa: E402
 # What each needs beside the two programs: a database, programs, or to be root.
 ROWS = {
     "server-killed": ("postgres", "haproxy", "nginx"),
+    "failover": ("postgres",),
     "capacity": ("postgres",),
 }
 SHORT = ("server-killed",)
