@@ -30,12 +30,12 @@ class Refused(Exception):
 class Api:
     """One request a connection, from any thread."""
 
-    def __init__(self, port):
-        self.port = port
+    def __init__(self, port, host="127.0.0.1"):
+        self.port, self.host = port, host
 
     def call(self, method, path, body=None, media_type=None, accept="*/*"):
         """The body of the answer. Raises Lost and Refused."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection = http.client.HTTPConnection(self.host, self.port, timeout=60)
         try:
             headers = {"Accept": accept}
             if media_type:

@@ -5,6 +5,7 @@ does and what must hold:
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
 failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
+partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 
 Every row prints a line and is asserted; --json has its figures.
@@ -26,6 +27,7 @@ ROWS = {
     "server-killed": ("postgres", "haproxy", "nginx"),
     "failover": ("postgres",),
     "slow-database": ("postgres",),
+    "partition": ("postgres", "ip", "root"),
     "capacity": ("postgres",),
 }
 SHORT = ("server-killed",)

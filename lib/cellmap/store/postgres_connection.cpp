@@ -327,7 +327,10 @@ void PostgresConnection::begin_read() { begin("BEGIN ISOLATION LEVEL REPEATABLE 
 /// wait for readers, nor they for it.
 void PostgresConnection::begin_write() {
   begin("BEGIN");
-  execute("LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
+  // A writer that is cut off from the database must not hold up the others for ever.
+  execute(
+      "SET LOCAL idle_in_transaction_session_timeout = '10s'; "
+      "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
 }
 
 bool PostgresConnection::in_transaction() const {
