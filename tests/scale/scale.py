@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""What many servers over one database bear, and what maps of a million CELLs cost. Each row is a module, which says what it
+"""What many servers over one database bear, and what maps of a million CELLs cost. Each row is a module in rows, which says what it
 does and what must hold:
 
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
 failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
+full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 
 Every row prints a line and is asserted; --json has its figures.
@@ -28,6 +29,7 @@ ROWS = {
     "failover": ("postgres",),
     "slow-database": ("postgres",),
     "partition": ("postgres", "ip", "root"),
+    "full-disk": ("postgres", "root"),
     "capacity": ("postgres",),
 }
 SHORT = ("server-killed",)
@@ -64,7 +66,7 @@ def main():
             note(f"NOT TRIED: {row}; it takes {', '.join(lacking)}")
             continue
         with tempfile.TemporaryDirectory(prefix="cellmap-scale-") as folder:
-            result[row] = importlib.import_module(row.replace("-", "_")).run(options, Path(folder))
+            result[row] = importlib.import_module("rows." + row.replace("-", "_")).run(options, Path(folder))
         wrong += [f"{row}: {line}" for line in result[row].get("wrong", [])]
     result["load_after"] = os.getloadavg()
     if options.json:

@@ -8,7 +8,7 @@ from pathlib import Path
 TESTS = Path(__file__).parent.parent
 DEPLOY = TESTS.parent / "server" / "deploy"
 for folder in ("crash", "load", "e2e"):
-    sys.path.insert(0, str(TESTS / folder))
+    sys.path.append(str(TESTS / folder))
 from behind_proxy import haproxy_command, nginx_command  # noqa: E402,F401
 from load import World as OneServer, memory_mib, note, percentile, processor_s  # noqa: E402,F401
 from server import Api, Lost, Refused, Server, free_port  # noqa: E402,F401

@@ -11,7 +11,7 @@ from database import Cluster
 from support import DEPLOY, Server, World, haproxy_command, nginx_command, note, percentile, wait_until
 
 ROLES = {"fetch": 8, "batch": 3, "changes": 3, "look": 3, "uploads": 2}
-WORKERS = Path(__file__).parent / "clients.py"
+WORKERS = Path(__file__).parent.parent / "clients.py"
 
 
 class Proxy:

@@ -6,7 +6,7 @@ import subprocess
 import time
 
 from database import Cluster
-from slow_database import DEADLINE_S, asked
+from rows.slow_database import DEADLINE_S, asked
 from support import Api, Server, World, note, wait_until
 from uploader import Uploader, count_of, longest_silence_s, lost
 
