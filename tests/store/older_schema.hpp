@@ -2,8 +2,15 @@
 
 namespace cellmap::test {
 
-/// SQL that takes back what version 5 of the schema added, for tests that make an older store.
+/// SQL that takes back what versions 6 and 5 of the schema added, for tests that make an older
+/// store.
 inline constexpr const char* kUndoSchema5 = R"sql(
+    DROP INDEX job_unfinished;
+    ALTER TABLE job DROP COLUMN alone;
+    ALTER TABLE job DROP COLUMN worker;
+    ALTER TABLE job DROP COLUMN claim;
+    ALTER TABLE job DROP COLUMN lease_ends;
+    ALTER TABLE job DROP COLUMN cancel_asked;
     ALTER TABLE map DROP COLUMN encoding;
     ALTER TABLE map DROP COLUMN bound_um;
     ALTER TABLE cell DROP COLUMN encoding;

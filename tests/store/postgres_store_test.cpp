@@ -8,6 +8,7 @@
 
 #include "cellmap/store/open_store.hpp"
 #include "cellmap/store/postgres_schema.hpp"
+#include "store/claims_contract.hpp"
 #include "store/postgres_engine.hpp"
 #include "support/expect_error.hpp"
 
@@ -22,6 +23,7 @@ StoreEngine postgres_engine() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Postgres, StoreContract, ::testing::Values(postgres_engine()));
+INSTANTIATE_TEST_SUITE_P(Postgres, ClaimsContract, ::testing::Values(postgres_engine()));
 
 class PostgresStoreTest : public ::testing::Test {
  protected:

@@ -8,6 +8,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
+#include "store/claims_contract.hpp"
 #include "store/older_schema.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
@@ -23,6 +24,7 @@ StoreEngine sqlite_engine() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sqlite, StoreContract, ::testing::Values(sqlite_engine()));
+INSTANTIATE_TEST_SUITE_P(Sqlite, ClaimsContract, ::testing::Values(sqlite_engine()));
 
 std::string read_file(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);

@@ -250,6 +250,10 @@ bool PostgresConnection::in_transaction() const {
   return status == PQTRANS_INTRANS || status == PQTRANS_INERROR || status == PQTRANS_ACTIVE;
 }
 
+std::string PostgresConnection::now_ns() const {
+  return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT)";
+}
+
 std::unique_ptr<SqlStatement> PostgresConnection::prepare(const std::string& sql) {
   return std::make_unique<PostgresStatement>(*this, sql);
 }

@@ -57,6 +57,7 @@ std::unique_ptr<Store> open_postgres_store(const std::string& address,
                 .open_reader = [address] { return std::make_unique<PostgresConnection>(address); },
                 .max_readers = options.max_readers,
                 .writer = std::move(writer),
+                .claimer = std::make_unique<PostgresConnection>(address),
                 .cache_bytes = options.cache_bytes,
                 .staging_limit = kStagingLimit});
 }
