@@ -61,13 +61,13 @@ def free_port():
 class Server:
     """Always on the same port and store, so that clients find it again."""
 
-    def __init__(self, program, store, data_root):
+    def __init__(self, program, store, data_root, log=None, more=()):
         self.port = free_port()
         self.api = Api(self.port)
         self.store = store
-        self.log = open(f"{store}.log", "ab")
+        self.log = open(log or f"{store}.log", "ab")
         self.command = [program, "--store", str(store), "--listen", f"127.0.0.1:{self.port}", "--threads", "1",
-                        "--data-root", str(data_root)]
+                        "--data-root", str(data_root), *more]
         self.process = None
 
     def spawn(self):
@@ -80,7 +80,7 @@ class Server:
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
-                raise RuntimeError(f"cellmapd ended with {self.process.returncode}; see {self.store}.log")
+                raise RuntimeError(f"cellmapd ended with {self.process.returncode}; see {self.log.name}")
             try:
                 self.api.call("GET", "/readyz")
                 return

@@ -16,6 +16,11 @@ namespace {
 // Numbers of built-in types, which never change (PostgreSQL's catalogue pg_type).
 constexpr Oid kBytea = 17, kInt8 = 20, kText = 25, kFloat8 = 701;
 
+/// A process that is suspended or cut off in the middle of a transaction holds up nobody for
+/// longer.
+constexpr const char* kBeginToWrite =
+    "BEGIN; SET LOCAL idle_in_transaction_session_timeout = '10s'";
+
 std::string without_line_end(const char* message) {
   std::string text = message == nullptr ? "" : message;
   while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
@@ -241,9 +246,10 @@ void PostgresConnection::begin_read() { begin("BEGIN ISOLATION LEVEL REPEATABLE 
 /// As SQLite: one transaction that writes at a time, whichever server it comes from; it does not
 /// wait for readers, nor they for it.
 void PostgresConnection::begin_write() {
-  begin("BEGIN");
-  execute("LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
+  begin((kBeginToWrite + std::string("; LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE")).c_str());
 }
+
+void PostgresConnection::begin_row_write() { begin(kBeginToWrite); }
 
 bool PostgresConnection::in_transaction() const {
   const PGTransactionStatusType status = PQtransactionStatus(connection_.get());

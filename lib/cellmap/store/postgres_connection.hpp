@@ -28,7 +28,7 @@ class PostgresConnection final : public SqlConnection {
   void execute(const char* sql) override;
   void begin_read() override;
   void begin_write() override;
-  void begin_row_write() override { begin("BEGIN"); }
+  void begin_row_write() override;
   bool in_transaction() const override;
 
   std::string lock_rows() const override { return " FOR UPDATE"; }
