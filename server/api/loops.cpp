@@ -81,6 +81,7 @@ std::vector<Constraint> detect(const Services& services,
   const auto target = state->target(id);
   const PointCloud points = reconstruct_points(target->cell(), *state->lattice());
   LoopOptions options;
+  options.closures = options.candidates;  // who asks wants all
   options.registration.threads = services.options.threads;
   std::vector<Constraint> found;
   for (const auto& closure : detect_loops(graph, id, points, MapState::targets(state), options)) {

@@ -112,6 +112,7 @@ void loop_rows(const Setting& setting, const AddRow& add) {
   const TargetProvider targets = [&](CellId id) { return revisit.targets().at(id); };
   for (const int threads : setting.threads) {
     LoopOptions options;
+    options.closures = options.candidates;  // as many as the paper's
     options.registration.threads = threads;
     const auto search = [&] {
       return detect_loops(revisit.graph(), revisit.query(), revisit.scan(), targets, options);

@@ -16,18 +16,26 @@ class Refused(Exception):
 
     def __init__(self, status, body):
         super().__init__(f"{status}: {body[:300]!r}")
-        self.status = status
+        self.status, self.body = status, body
+
+    @property
+    def code(self):
+        """Of a problem document; else None."""
+        try:
+            return json.loads(self.body).get("code")
+        except ValueError:
+            return None
 
 
 class Api:
     """One request a connection, from any thread."""
 
-    def __init__(self, port):
-        self.port = port
+    def __init__(self, port, host="127.0.0.1"):
+        self.port, self.host = port, host
 
     def call(self, method, path, body=None, media_type=None, accept="*/*"):
         """The body of the answer. Raises Lost and Refused."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection = http.client.HTTPConnection(self.host, self.port, timeout=60)
         try:
             headers = {"Accept": accept}
             if media_type:
@@ -59,15 +67,15 @@ def free_port():
 
 
 class Server:
-    """Always on the same port and store, so that clients find it again."""
+    """Always on the same port and store, so that clients find it again. `store`: a file, or an address together with `log`."""
 
-    def __init__(self, program, store, data_root, log=None, more=()):
+    def __init__(self, program, store, data_root, *options, log=None):
         self.port = free_port()
         self.api = Api(self.port)
         self.store = store
         self.log = open(log or f"{store}.log", "ab")
         self.command = [program, "--store", str(store), "--listen", f"127.0.0.1:{self.port}", "--threads", "1",
-                        "--data-root", str(data_root), *more]
+                        "--data-root", str(data_root), *options]
         self.process = None
 
     def spawn(self):

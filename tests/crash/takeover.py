@@ -50,8 +50,8 @@ class Fleet:
 
     def __init__(self, options, database, folder, stack):
         def server(name, role, lease):
-            made = Server(options.cellmapd, database.url, folder / "data", log=folder / f"{name}.log",
-                          more=["--role", role, "--job-lease", str(lease)])
+            made = Server(options.cellmapd, database.url, folder / "data", "--role", role, "--job-lease", str(lease),
+                          log=folder / f"{name}.log")
             stack.callback(made.kill)
             made.start()
             return made

@@ -55,15 +55,15 @@ def processor_s(pid):
 
 
 class World:
-    """A server with a map, and files of what is asked of it."""
+    """A server with a map, and files of what is asked of it. `server`: another one than that of a file."""
 
-    def __init__(self, options, folder):
+    def __init__(self, options, folder, server=None):
         self.options, self.folder = options, folder
         drive = folder / "data" / "drive"
         drive.parent.mkdir()
         subprocess.run([options.cellmap, "simulate", "--route", "town", "--scans", "120", "--columns", "500", "--out", str(drive), "--json"],
                        check=True, stdout=subprocess.DEVNULL)
-        self.server = Server(options.cellmapd, folder / "store.db", folder / "data")
+        self.server = server or Server(options.cellmapd, folder / "store.db", folder / "data")
         self.server.start()
         self.api = self.server.api
         self.url = f"http://127.0.0.1:{self.server.port}"
@@ -89,12 +89,12 @@ class World:
             saved[cell["id"]] = (cell["hash"], str(file))
         return saved
 
-    def fleet(self, roles, seconds, seed):
+    def fleet(self, roles, seconds, seed, program=HERE / "fleet.py"):
         task = {"url": self.url, "map": "town", "seconds": seconds, "seed": seed, "roles": roles, "scan": str(self.scan),
                 "cells": {cell: path for cell, (_, path) in self.cells.items()}, "upload": self.upload, "lattice": self.lattice}
         file = self.folder / f"task-{seed}.json"
         file.write_text(json.dumps(task))
-        return subprocess.Popen([sys.executable, str(HERE / "fleet.py"), str(file)], stdout=subprocess.PIPE)
+        return subprocess.Popen([sys.executable, str(program), str(file)], stdout=subprocess.PIPE)
 
 
 def mixture(world, seconds, title):

@@ -3,6 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
+#include <memory>
+#include <vector>
 
 #include "support/expect_error.hpp"
 #include "support/registration_world.hpp"
@@ -92,6 +95,49 @@ TEST(LoopVerification, AWallAcrossTheRoadIsRefusedExceptByThePapersRatio) {
   walled.add({6.0, -3.0, -1.7}, {6.5, 4.5, 3.0});
   EXPECT_TRUE(close_loop(walled, LoopAcceptance::kPaper).has_value());
   EXPECT_FALSE(close_loop(walled, LoopAcceptance::kScores).has_value());
+}
+
+/// Closures of a CELL that sees a wall across the road, where four others of another session stand;
+/// the nearest does not see the wall.
+std::vector<CellId> closed_loops(std::size_t closures) {
+  test::BoxScene walled = test::street();
+  walled.add({6.0, -3.0, -1.7}, {6.5, 4.5, 3.0});
+  PoseGraph graph;
+  std::map<CellId, std::shared_ptr<const RegistrationTarget>> targets;
+  const auto add = [&](std::uint32_t id, const test::BoxScene& scene, double x) {
+    const CellId cell{id};
+    graph.nodes[cell] = Pose(Eigen::Translation3d(x, 0, 0));
+    targets[cell] =
+        std::make_shared<const RegistrationTarget>(test::target_at(scene, graph.nodes[cell]));
+  };
+  add(1, test::street(), 0.0);
+  add(2, walled, 0.3);
+  add(3, walled, 0.6);
+  add(4, walled, 0.9);
+  add(9, walled, 0.0);
+  Constraint tie;  // so that the guesses are certain
+  tie.to = {9};
+  tie.kind = ConstraintKind::kLoop;
+  for (std::uint32_t id = 1; id <= 4; ++id) {
+    tie.from = {id};
+    tie.T_from_to = graph.nodes[tie.from].inverse() * graph.nodes[tie.to];
+    graph.constraints.push_back(tie);
+  }
+  LoopOptions options;
+  options.closures = closures;
+  std::vector<CellId> closed;
+  for (const LoopClosure& closure : detect_loops(
+           graph, {9}, walled.scan(graph.nodes[{9}]), [&](CellId id) { return targets.at(id); },
+           options)) {
+    closed.push_back(closure.from);
+  }
+  return closed;
+}
+
+TEST(LoopDetection, GoesOnToFartherCellsUntilEnoughHaveClosed) {
+  EXPECT_EQ(closed_loops(1), (std::vector<CellId>{{2}}));
+  EXPECT_EQ(closed_loops(2), (std::vector<CellId>{{2}, {3}}));
+  EXPECT_EQ(closed_loops(10), (std::vector<CellId>{{2}, {3}, {4}}));
 }
 
 TEST(LoopConstraint, IsNotTrustedBeyondWhatRegistrationKnows) {

@@ -61,9 +61,10 @@ void BatchContext::set(const simd::PatchPredictions& predictions, const StepRule
     agreeing[k] = static_cast<std::uint8_t>(agree);
     row[k] = static_cast<std::uint8_t>(agree == 0 ? 0 : agree / 2 + 1);
     has_outliers[k] = predictions.neighbours[k] > predictions.agreeing[k];
-    const double step = rule.of_slopes(expected.secant[k], 0, expected.range_m[k]);
-    const int level = doublings(expected.slope_spread[k], step * agree);
-    scale_level[k] = static_cast<std::uint8_t>(agree < 2 ? has_outliers[k] : level);
+    const PlaneContext plane(*this, k, rule);
+    range_level[k] = static_cast<std::uint8_t>(plane.range_level_at(0));
+    slope_level[k] = static_cast<std::uint8_t>(
+        plane.slope_level_at(plane.slope_step(0, expected.range_m[k])));
   }
 }
 

@@ -103,7 +103,9 @@ struct BatchContext {
   simd::ExpectedPlanes expected;
   std::array<std::uint8_t, simd::kMostPatches> agreeing;     ///< at most 5
   std::array<std::uint8_t, simd::kMostPatches> row;          ///< by `agreeing`: 0 to 3
-  std::array<std::uint8_t, simd::kMostPatches> scale_level;  ///< by their spread, in steps
+  // By their spread, in nominal steps. Known before a plane's first number is, so that nothing
+  // waits for them; that of the slopes is for a plane in the expected range.
+  std::array<std::uint8_t, simd::kMostPatches> range_level, slope_level;
   std::array<bool, simd::kMostPatches> has_outliers;
 
   /// Of the patches from `begin` to `end`.
@@ -129,14 +131,14 @@ class PlaneContext {
   /// By how many neighbours agree: 0 to 3.
   int row() const { return batch_.row[k_]; }
   /// By how far neighbours that agree are apart, in steps: 0 to kContextLevels - 1.
-  int scale_level() const { return batch_.scale_level[k_]; }
+  int scale_level() const { return batch_.slope_level[k_]; }
   int range_level(int scale) const {
-    if (agreeing() < 2) return std::clamp(scale + 3, 0, kContextLevels - 1);
-    return doublings(2 * batch_.expected.range_spread[k_], range_step(scale) * agreeing());
+    return scale == 0 ? batch_.range_level[k_] : range_level_at(scale);
   }
-  int slope_level(double step) const {
-    return agreeing() < 2 ? batch_.has_outliers[k_]
-                          : doublings(batch_.expected.slope_spread[k_], step * agreeing());
+  int slope_level(const CodedPlane& coded) const {
+    return coded.scale == 0 && coded.range == 0
+               ? batch_.slope_level[k_]
+               : slope_level_at(std::abs(slope_step(coded.scale, range_m(coded))));
   }
 
   double range_m(const CodedPlane& coded) const {
@@ -152,7 +154,17 @@ class PlaneContext {
   }
 
  private:
+  friend BatchContext;
+
   int agreeing() const { return batch_.agreeing[k_]; }
+  int range_level_at(int scale) const {
+    if (agreeing() < 2) return std::clamp(scale + 3, 0, kContextLevels - 1);
+    return doublings(2 * batch_.expected.range_spread[k_], range_step(scale) * agreeing());
+  }
+  int slope_level_at(double step) const {
+    return agreeing() < 2 ? batch_.has_outliers[k_]
+                          : doublings(batch_.expected.slope_spread[k_], step * agreeing());
+  }
 
   const BatchContext& batch_;
   std::size_t k_;
@@ -186,8 +198,7 @@ template <typename Coder>
   const std::size_t kind = version == CompactVersion::k1 ? 0 : kind_of_steps(coded.scale);
   coded.range = code_integer(coder, model.range[kind][rows + context.range_level(coded.scale)],
                              kMaxStepDigits, coded.range);
-  const int row =
-      context.slope_level(std::abs(context.slope_step(coded.scale, context.range_m(coded))));
+  const int row = context.slope_level(coded);
   coded.s1 =
       code_integer(coder, model.slopes[0][kind][size_class(coded.range) * kContextLevels + row],
                    kMaxStepDigits, coded.s1);

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <numbers>
 #include <queue>
+#include <span>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -141,6 +143,25 @@ std::optional<LoopClosure> verify(const RegistrationTarget& candidate, const Loo
   return std::nullopt;
 }
 
+/// Those of the candidates that pass.
+std::vector<LoopClosure> verify_all(std::span<const LoopCandidate> candidates,
+                                    const LoopQuery& query, const TargetProvider& targets,
+                                    const LoopOptions& options, int threads) {
+  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;  // a provider has one caller
+  for (const LoopCandidate& candidate : candidates) loaded.push_back(targets(candidate.cell));
+  std::vector<std::optional<LoopClosure>> verified(candidates.size());
+  parallel_for(candidates.size(), 1, threads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      verified[i] = verify(*loaded[i], query, candidates[i], options);
+    }
+  });
+  std::vector<LoopClosure> closures;
+  for (std::optional<LoopClosure>& closure : verified) {
+    if (closure) closures.push_back(std::move(*closure));
+  }
+  return closures;
+}
+
 void require(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("loop options need ") + rule);
 }
@@ -160,6 +181,7 @@ std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name) {
 
 void LoopOptions::validate() const {
   require(candidates <= 1000, "candidates <= 1000");
+  require(closures >= 1, "closures >= 1");
   require(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");
   require(drift_m_per_m > 0 && drift_m_per_m <= 10, "0 < drift_m_per_m <= 10");
   require(drift_deg_per_m > 0 && drift_deg_per_m <= 180, "0 < drift_deg_per_m <= 180");
@@ -220,21 +242,17 @@ std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
   if (candidates.empty()) return {};
   const auto own = targets(query);
   const LoopQuery loop_query(query, *own, query_scan);
-  std::vector<std::shared_ptr<const RegistrationTarget>> loaded;  // a provider has one caller
-  for (const LoopCandidate& candidate : candidates) loaded.push_back(targets(candidate.cell));
-
   LoopOptions serial = options;
   serial.registration.threads = 1;
-  std::vector<std::optional<LoopClosure>> verified(candidates.size());
-  parallel_for(candidates.size(), 1, options.registration.threads,
-               [&](std::size_t begin, std::size_t end) {
-                 for (std::size_t i = begin; i < end; ++i) {
-                   verified[i] = verify(*loaded[i], loop_query, candidates[i], serial);
-                 }
-               });
   std::vector<LoopClosure> closures;
-  for (std::optional<LoopClosure>& closure : verified) {
-    if (closure) closures.push_back(std::move(*closure));
+  for (std::size_t begin = 0; begin < candidates.size() && closures.size() < options.closures;) {
+    const auto next =
+        std::span(candidates)
+            .subspan(begin)
+            .first(std::min(options.closures - closures.size(), candidates.size() - begin));
+    std::ranges::move(verify_all(next, loop_query, targets, serial, options.registration.threads),
+                      std::back_inserter(closures));
+    begin += next.size();
   }
   return closures;
 }

@@ -50,6 +50,9 @@ std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name);
 struct LoopOptions {
   LoopAcceptance accept = LoopAcceptance::kScores;
   std::size_t candidates = 10;  ///< the paper's n_loop: nearest CELLs that are looked at
+  /// So many closures of a CELL are enough: candidates farther than theirs are left, which see the
+  /// same place again.
+  std::size_t closures = 4;
   /// CELLs at most this many neighbours away in the session are no loops (the paper's latest
   /// n_loop).
   std::size_t exclude_latest = 10;
@@ -86,8 +89,8 @@ std::optional<LoopClosure> verify_loop(const RegistrationTarget& candidate,
                                        const PointCloud& query_scan, const LoopCandidate& guess,
                                        CellId query_id, const LoopOptions& options);
 
-/// All candidates of a CELL, each tried; every closure that passes. `query_scan` is the base scan,
-/// or the CELL's reconstructed points where no scan was kept. Deterministic.
+/// Candidates of a CELL, nearest first, until `closures` of them pass; those. `query_scan` is the
+/// base scan, or the CELL's reconstructed points where no scan was kept. Deterministic.
 std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
                                       const PointCloud& query_scan, const TargetProvider& targets,
                                       const LoopOptions& options);

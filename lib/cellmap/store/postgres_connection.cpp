@@ -1,6 +1,7 @@
 #include "cellmap/store/postgres_connection.hpp"
 
 #include <libpq-fe.h>
+#include <poll.h>
 
 #include <algorithm>
 #include <array>
@@ -15,11 +16,6 @@ namespace {
 
 // Numbers of built-in types, which never change (PostgreSQL's catalogue pg_type).
 constexpr Oid kBytea = 17, kInt8 = 20, kText = 25, kFloat8 = 701;
-
-/// A process that is suspended or cut off in the middle of a transaction holds up nobody for
-/// longer.
-constexpr const char* kBeginToWrite =
-    "BEGIN; SET LOCAL idle_in_transaction_session_timeout = '10s'";
 
 std::string without_line_end(const char* message) {
   std::string text = message == nullptr ? "" : message;
@@ -74,6 +70,13 @@ Value from_big_endian(const char* bytes) {
     std::reverse(bits.begin(), bits.end());
   }
   return std::bit_cast<Value>(bits);
+}
+
+/// Connects within a time that somebody waits for; who names another one in the address has it.
+std::unique_ptr<pg_conn, void (*)(pg_conn*)> connect(const std::string& address) {
+  const std::array keywords = {"connect_timeout", "dbname", static_cast<const char*>(nullptr)};
+  const std::array values = {"3", address.c_str(), static_cast<const char*>(nullptr)};
+  return {PQconnectdbParams(keywords.data(), values.data(), /*expand_dbname=*/1), PQfinish};
 }
 
 /// `?` as $1, $2 and so on; none of our SQL has one in a literal.
@@ -164,7 +167,8 @@ class PostgresStatement final : public SqlStatement {
     pg_conn* const connection = connection_.connection_.get();
     const int count = static_cast<int>(values_.size());
     if (prepared_in_ != connection_.generation_) {
-      connection_.checked(PQprepare(connection, name_.c_str(), sql_.c_str(), count, types_.data()));
+      connection_.answer(
+          PQsendPrepare(connection, name_.c_str(), sql_.c_str(), count, types_.data()));
       prepared_in_ = connection_.generation_;
     }
     std::vector<const char*> values;
@@ -174,8 +178,8 @@ class PostgresStatement final : public SqlStatement {
       lengths.push_back(value ? static_cast<int>(value->size()) : 0);
     }
     const std::vector<int> binary(values_.size(), 1);
-    result_ = connection_.checked(PQexecPrepared(connection, name_.c_str(), count, values.data(),
-                                                 lengths.data(), binary.data(), 1));
+    result_ = connection_.answer(PQsendQueryPrepared(
+        connection, name_.c_str(), count, values.data(), lengths.data(), binary.data(), 1));
   }
 
   PostgresConnection& connection_;
@@ -187,8 +191,14 @@ class PostgresStatement final : public SqlStatement {
   int row_ = -1;
 };
 
-PostgresConnection::PostgresConnection(const std::string& address)
-    : connection_(PQconnectdb(address.c_str()), PQfinish), generation_(1) {
+PostgresConnection::PostgresConnection(const std::string& address,
+                                       std::shared_ptr<DatabaseOutage> outage)
+    : outage_(std::move(outage)),
+      connection_(nullptr, PQfinish),
+      outages_before_(outage_->count()),
+      generation_(1) {
+  if (const std::string reason = outage_->reason(); !reason.empty()) fail("", reason);
+  connection_ = connect(address);
   if (!connection_) throw Error(ErrorCode::kUnavailable, "store: out of memory");
   if (PQstatus(connection_.get()) != CONNECTION_OK) {
     char* problem = nullptr;
@@ -200,6 +210,7 @@ PostgresConnection::PostgresConnection(const std::string& address)
       throw Error(ErrorCode::kInvalidArgument,
                   "store: expected postgresql://[user@]host[:port][,host...]/database");
     }
+    outage_->report(without_line_end(PQerrorMessage(connection_.get())));
     throw Error(ErrorCode::kUnavailable,
                 "store: cannot connect to the database; check that it runs, its address, the "
                 "user's name and rights (" +
@@ -212,33 +223,102 @@ PostgresConnection::PostgresConnection(const std::string& address)
 
 PostgresConnection::~PostgresConnection() { forget_statements(); }
 
-PostgresConnection::Result PostgresConnection::checked(pg_result* raw) const {
-  Result result(raw, PQclear);
-  const ExecStatusType status = PQresultStatus(raw);
-  if (status == PGRES_COMMAND_OK || status == PGRES_TUPLES_OK) return result;
-  const char* const state = raw ? PQresultErrorField(raw, PG_DIAG_SQLSTATE) : nullptr;
-  const char* const primary = raw ? PQresultErrorField(raw, PG_DIAG_MESSAGE_PRIMARY) : nullptr;
-  fail(state ? state : "", without_line_end(primary ? primary : PQerrorMessage(connection_.get())));
+/// What is sent may wait for room in the socket, what comes for the database: neither for ever.
+void PostgresConnection::await_answer(std::chrono::seconds longest) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::seconds kSlice(1), kPatience(5);
+  pg_conn* const connection = connection_.get();
+  const auto begun = Clock::now();
+  auto heard = begun;
+  for (;;) {
+    const int unsent = PQflush(connection);
+    if (unsent < 0 || (unsent == 0 && PQisBusy(connection) == 0)) return;
+    const short events = static_cast<short>(unsent > 0 ? POLLIN | POLLOUT : POLLIN);
+    pollfd socket{PQsocket(connection), events, 0};
+    const int ready = ::poll(&socket, 1, std::chrono::milliseconds(kSlice).count());
+    if (ready > 0) {
+      heard = Clock::now();
+      if ((socket.revents & ~POLLOUT) != 0 && PQconsumeInput(connection) == 0) return;
+      continue;
+    }
+    if (Clock::now() - begun > longest) lose("it did not answer in time");
+    if (Clock::now() - heard < kPatience && outage_->count() == outages_before_) continue;
+    if (!host_serves()) lose("it does not answer any more");
+    outages_before_ = outage_->count();
+    heard = Clock::now();
+  }
 }
 
-void PostgresConnection::execute(const char* sql) { checked(PQexec(connection_.get(), sql)); }
+/// Asks the host of this very connection, over another one.
+bool PostgresConnection::host_serves() const {
+  const std::array keywords = {"host", "port", "connect_timeout",
+                               static_cast<const char*>(nullptr)};
+  const std::array values = {static_cast<const char*>(PQhost(connection_.get())),
+                             static_cast<const char*>(PQport(connection_.get())), "2",
+                             static_cast<const char*>(nullptr)};
+  return PQpingParams(keywords.data(), values.data(), 0) == PQPING_OK;
+}
+
+void PostgresConnection::lose(const std::string& why) {
+  is_lost_ = true;
+  outage_->report(why);
+  fail("", why);
+}
+
+PostgresConnection::Result PostgresConnection::answer(int is_sent, std::chrono::seconds longest) {
+  pg_conn* const connection = connection_.get();
+  Result last(nullptr, PQclear);
+  if (is_sent != 0) {
+    await_answer(longest);
+    // Of several statements the last one that was carried out.
+    while (pg_result* const next = PQgetResult(connection)) {
+      last.reset(next);
+      await_answer(longest);
+    }
+  }
+  const ExecStatusType status = PQresultStatus(last.get());
+  if (status == PGRES_COMMAND_OK || status == PGRES_TUPLES_OK) return last;
+  const auto field = [&](int which) {
+    const char* const text = last ? PQresultErrorField(last.get(), which) : nullptr;
+    return std::string(text ? text : "");
+  };
+  const std::string message = field(PG_DIAG_MESSAGE_PRIMARY);
+  fail(field(PG_DIAG_SQLSTATE),
+       without_line_end(message.empty() ? PQerrorMessage(connection) : message.c_str()));
+}
+
+void PostgresConnection::execute(const char* sql) {
+  const bool is_commit = std::string_view(sql) == "COMMIT";
+  answer(PQsendQuery(connection_.get(), sql), is_commit ? kLongestCommit : kLongestStatement);
+}
 
 /// What is lost with a connection.
 void PostgresConnection::configure() {
+  PQsetnonblocking(connection_.get(), 1);  // to send, which `await_answer` goes on with
   execute("SET client_encoding = 'UTF8'; SET lock_timeout = '30s'");
 }
 
 /// Nothing is under way yet, so a connection that was lost meanwhile may be made anew.
 void PostgresConnection::begin(const char* sql) {
-  try {
-    return execute(sql);
-  } catch (const Error&) {
-    if (PQstatus(connection_.get()) == CONNECTION_OK) throw;
+  if (!is_lost_ && outage_->count() == outages_before_) {
+    try {
+      return execute(sql);
+    } catch (const Error&) {
+      if (PQstatus(connection_.get()) == CONNECTION_OK && !is_lost_) throw;
+    }
   }
+  connect_again();
+  execute(sql);
+}
+
+void PostgresConnection::connect_again() {
+  if (const std::string reason = outage_->reason(); !reason.empty()) fail("", reason);
+  outages_before_ = outage_->count();
   PQreset(connection_.get());
   ++generation_;
+  is_lost_ = PQstatus(connection_.get()) != CONNECTION_OK;
+  if (is_lost_) lose(without_line_end(PQerrorMessage(connection_.get())));
   configure();
-  execute(sql);
 }
 
 void PostgresConnection::begin_read() { begin("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"); }
@@ -246,12 +326,20 @@ void PostgresConnection::begin_read() { begin("BEGIN ISOLATION LEVEL REPEATABLE 
 /// As SQLite: one transaction that writes at a time, whichever server it comes from; it does not
 /// wait for readers, nor they for it.
 void PostgresConnection::begin_write() {
-  begin((kBeginToWrite + std::string("; LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE")).c_str());
+  begin("BEGIN");
+  // A writer that is cut off from the database must not hold up the others for ever.
+  execute(
+      "SET LOCAL idle_in_transaction_session_timeout = '10s'; "
+      "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
 }
 
-void PostgresConnection::begin_row_write() { begin(kBeginToWrite); }
+void PostgresConnection::begin_row_write() {
+  begin("BEGIN");
+  execute("SET LOCAL idle_in_transaction_session_timeout = '10s'");
+}
 
 bool PostgresConnection::in_transaction() const {
+  if (is_lost_) return false;
   const PGTransactionStatusType status = PQtransactionStatus(connection_.get());
   return status == PQTRANS_INTRANS || status == PQTRANS_INERROR || status == PQTRANS_ACTIVE;
 }

@@ -49,17 +49,19 @@ bool is_postgres_address(const std::string& place) {
 std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                            const PostgresStoreOptions& options) {
   options.validate();
-  auto writer = std::make_unique<PostgresConnection>(address);
+  const auto connect = [address, outage = std::make_shared<DatabaseOutage>()] {
+    return std::make_unique<PostgresConnection>(address, outage);
+  };
+  auto writer = connect();
   migrate_postgres_schema(*writer);
-  return std::make_unique<PostgresStore>(
-      SqlEngine{.name = "in PostgreSQL",
-                .held = nullptr,
-                .open_reader = [address] { return std::make_unique<PostgresConnection>(address); },
-                .max_readers = options.max_readers,
-                .writer = std::move(writer),
-                .claimer = std::make_unique<PostgresConnection>(address),
-                .cache_bytes = options.cache_bytes,
-                .staging_limit = kStagingLimit});
+  return std::make_unique<PostgresStore>(SqlEngine{.name = "in PostgreSQL",
+                                                   .held = nullptr,
+                                                   .open_reader = connect,
+                                                   .max_readers = options.max_readers,
+                                                   .writer = std::move(writer),
+                                                   .claimer = connect(),
+                                                   .cache_bytes = options.cache_bytes,
+                                                   .staging_limit = kStagingLimit});
 }
 
 }  // namespace cellmap

@@ -214,9 +214,12 @@ std::optional<CellRecord> find_last_cell(SqlConnection& connection, std::int64_t
   return cell_from_row(row);
 }
 
+std::string order_of_changes(Revision since) { return since == 0 ? "ORDER BY id" : "ORDER BY +id"; }
+
 std::vector<CellRecord> cells_changed_since(SqlConnection& connection, std::int64_t map,
                                             Revision since) {
-  Query rows(connection, select_cell("WHERE map = ? AND moved > ? ORDER BY id"), map, since);
+  Query rows(connection, select_cell("WHERE map = ? AND moved > ? ") + order_of_changes(since), map,
+             since);
   std::vector<CellRecord> cells;
   while (rows.next()) cells.push_back(cell_from_row(rows));
   return cells;

@@ -31,6 +31,10 @@ std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t ma
 std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map, CellId id);
 std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map,
                                     const std::string& session, std::uint32_t sequence);
+/// The ORDER BY of what changed after a revision: by id, but beside revision 0 after an index over
+/// revisions was used. SQLite, which keeps no statistics, would rather read a whole map in order
+/// than sort the little that changed.
+std::string order_of_changes(Revision since);
 /// CELLs that were added or moved after a revision, in order of id.
 std::vector<CellRecord> cells_changed_since(SqlConnection& connection, std::int64_t map,
                                             Revision since);

@@ -117,8 +117,9 @@ void require_revision(const MapRow& map, Revision revision) {
 std::set<CellId> read_unaligned(SqlConnection& connection, std::int64_t map, Revision revision) {
   std::set<CellId> unaligned;
   Query rows(connection,
-             "SELECT cell.id FROM session JOIN cell ON cell.map = session.map "
-             "AND cell.session = session.name WHERE session.map = ? "
+             // CROSS: SQLite would look through all CELLs for those of no session.
+             "SELECT cell.id FROM session CROSS JOIN cell WHERE cell.map = session.map "
+             "AND cell.session = session.name AND session.map = ? "
              "AND (aligned IS NULL OR aligned > ?) AND added <= ?",
              map, revision, revision);
   while (rows.next()) unaligned.insert({rows.unsigned32(0)});
@@ -242,18 +243,20 @@ MapChanges read_changes(SqlConnection& connection, const std::string& map, Revis
     }
   }
   changes.unaligned = read_unaligned(connection, row.key, changes.revision);
+  const std::string order = order_of_changes(since);
   Query added(connection,
-              select_constraint("WHERE map = ? AND added > ? AND removed IS NULL ORDER BY id"),
+              select_constraint("WHERE map = ? AND added > ? AND removed IS NULL ") + order,
               row.key, since);
   while (added.next()) changes.added_constraints.push_back(constraint_from_row(added));
-  Query removed(connection,
-                "SELECT id FROM pose_constraint WHERE map = ? AND removed > ? AND added <= ? "
-                "ORDER BY id",
-                row.key, since, since);
+  Query removed(
+      connection,
+      "SELECT id FROM pose_constraint WHERE map = ? AND removed > ? AND +added <= ? " + order,
+      row.key, since, since);
   while (removed.next()) changes.removed_constraints.push_back({removed.unsigned32(0)});
   Query judged(connection,
                "SELECT id, weight, pinned FROM pose_constraint WHERE map = ? AND judged > ? "
-               "AND added <= ? AND removed IS NULL ORDER BY id",
+               "AND +added <= ? AND removed IS NULL " +
+                   order,
                row.key, since, since);
   while (judged.next()) {
     changes.judged.emplace(ConstraintId{judged.unsigned32(0)},

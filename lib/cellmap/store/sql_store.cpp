@@ -289,8 +289,8 @@ void SqlStore::change_rows(const std::function<void(SqlConnection&)>& change) co
   if (!database_->claimer) return change_tables(change);
   const std::lock_guard lock(database_->claiming);
   SqlConnection& connection = *database_->claimer;
-  connection.begin_row_write();
   try {
+    connection.begin_row_write();
     change(connection);
     connection.execute("COMMIT");
   } catch (...) {
