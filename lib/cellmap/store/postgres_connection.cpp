@@ -337,10 +337,19 @@ void PostgresConnection::begin_write() {
       "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
 }
 
+void PostgresConnection::begin_row_write() {
+  begin("BEGIN");
+  execute("SET LOCAL idle_in_transaction_session_timeout = '10s'");
+}
+
 bool PostgresConnection::in_transaction() const {
   if (is_lost_) return false;
   const PGTransactionStatusType status = PQtransactionStatus(connection_.get());
   return status == PQTRANS_INTRANS || status == PQTRANS_INERROR || status == PQTRANS_ACTIVE;
+}
+
+std::string PostgresConnection::now_ns() const {
+  return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT)";
 }
 
 std::unique_ptr<SqlStatement> PostgresConnection::prepare(const std::string& sql) {
