@@ -1,5 +1,6 @@
 #include <spdlog/spdlog.h>
 
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <iostream>
@@ -65,7 +66,7 @@ std::thread heed_signals(sigset_t signals, cellmap::server::Api& api,
     for (int signal = 0; sigwait(&signals, &signal) == 0 && signal == SIGHUP;) {
       on_hangup(api, audit, log);
     }
-    log.info("stops: jobs that run go on at the next start");
+    log.info("stops: jobs that run are handed back");
     server.stop();
     api.stop();
   });
@@ -76,7 +77,9 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
   options.openapi = cellmap::server::openapi_text();
   options.viewer = viewer_folder(settings);
   options.threads = settings.threads;
-  options.jobs.carries_out = settings.role == "all";
+  options.jobs.carries_out = settings.role != "api";
+  options.jobs.takes_scans = settings.role != "worker";
+  options.jobs.lease = std::chrono::milliseconds(std::lround(settings.job_lease_s * 1000));
   options.jobs.data_roots = canonical_roots(settings);
   if (const auto file = cellmap::store_file(settings.store)) {
     options.store_file = *file;
@@ -105,6 +108,7 @@ void serve(const Settings& settings) {
   using cellmap::server::LogFormat;
   const bool json = settings.log_format == "json";
   const auto log = make_log(settings.log_level, json ? LogFormat::kJson : LogFormat::kText);
+  check_role(settings);
   check_addresses(settings);
   cellmap::auth::Guard guard({.tokens = settings.tokens, .requests_per_s = settings.rate_limit});
   std::unique_ptr<cellmap::server::AuditLog> audit;

@@ -5,6 +5,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/open_store.hpp"
 #include "server/http/client_address.hpp"
 #include "server/http/listener.hpp"
 
@@ -20,7 +21,8 @@ Every option may also stand in the environment (--log-level: CELLMAPD_LOG_LEVEL)
 (log-level = "debug"). The command line goes before the environment, the environment before the file.
 --print-config says what is in force, as such a file.
 
-SIGTERM and SIGINT stop the server; running jobs go on at the next start. SIGHUP makes it read its tokens
+SIGTERM and SIGINT stop the server; running jobs go on at the next start, or at once in another server of
+the same database. SIGHUP makes it read its tokens
 again and begin a new audit log where the old one was moved away.)";
 
 std::string environment_name(std::string option) {
@@ -55,8 +57,13 @@ void add_options(CLI::App& app, Settings& settings) {
       "--store", settings.store,
       "The store: a file, made where it is missing, or postgresql://[user@]host/database");
   app.add_option("--role", settings.role,
-                 "all, or api: everything but jobs, beside the one server of a database with all")
-      ->check(CLI::IsMember({"all", "api"}));
+                 "Of the servers of one database: api takes jobs and leaves them to others, worker "
+                 "only carries them out, all does both")
+      ->check(CLI::IsMember({"all", "api", "worker"}));
+  app.add_option("--job-lease", settings.job_lease_s,
+                 "Seconds after which a server that gives no sign of life loses its jobs to "
+                 "others; it gives one three times as often")
+      ->check(CLI::Range(0.3, 3600.0));
   app.add_option("--listen", settings.listen,
                  "HOST:PORT (port 0: any free one) or unix:PATH (repeatable, or with commas)")
       ->delimiter(',');
@@ -163,6 +170,15 @@ std::variant<Settings, int> read_settings(const std::vector<std::string>& argume
                 "postgresql://[user@]host/database");
   }
   return settings;
+}
+
+void check_role(const Settings& settings) {
+  if (settings.role == "all" || !store_file(settings.store)) return;
+  throw Error(ErrorCode::kInvalidArgument,
+              "--role " + settings.role +
+                  " is for one of several servers of a PostgreSQL database (--store "
+                  "postgresql://...); a file has one server, which does everything: leave --role "
+                  "out.");
 }
 
 void check_addresses(const Settings& settings) {

@@ -13,7 +13,10 @@ namespace cellmap::server {
 /// before the file, that before the defaults here.
 struct Settings {
   std::string store;
-  std::string role = "all";  ///< or "api": no jobs
+  /// Of the servers of one database: "api" takes jobs, "worker" carries them out and answers
+  /// nothing but how it is.
+  std::string role = "all";
+  double job_lease_s = 15;
   std::vector<std::string> listen{"127.0.0.1:8080"};
   std::vector<std::string> data_roots;
   std::string viewer;
@@ -32,6 +35,9 @@ struct Settings {
 /// nobody knows is refused, in the file too.
 std::variant<Settings, int> read_settings(const std::vector<std::string>& arguments,
                                           std::ostream& out, std::ostream& err);
+
+/// Throws Error{kInvalidArgument} where a server of a file, which has only one, would not do all.
+void check_role(const Settings& settings);
 
 /// Throws Error{kInvalidArgument} where others than this machine could reach the server and nobody
 /// would be asked who they are.

@@ -9,6 +9,7 @@ std::string job_line(const Job& job) {
   if (job.scans_total > 0) line += "/" + with_commas(job.scans_total);
   line += " scans, " + with_commas(job.cells_done) + " CELLs";
   if (job.scans_per_second > 0) line += format(", %.1f scans/s", job.scans_per_second);
+  if (!job.worker.empty()) line += ", by " + job.worker;
   if (job.error_code) line += "\n      " + job.error_message;
   return line + "\n";
 }

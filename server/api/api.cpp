@@ -168,6 +168,10 @@ void log_request(spdlog::logger& log, const Request& request, const std::string&
                                {"address", request.address}}));
 }
 
+bool says_how_it_is(const Route& route) {
+  return route.pattern == "/healthz" || route.pattern == "/readyz" || route.pattern == "/metrics";
+}
+
 /// An answer without end ends when its caller's token does.
 void end_with_token(Response& response, const auth::Guard& guard, const auth::Caller& caller) {
   auto* stream = std::get_if<BodyStream>(&response.body);
@@ -184,6 +188,12 @@ std::optional<Response> Api::admit(const Request& request, Exchange& exchange) c
   exchange.target = parse_target(request.target);
   exchange.match = router_.find(request.method, exchange.target.path);
   const Route* route = exchange.match.route;
+  const bool only_works = !services_->options.jobs.takes_scans;
+  if (only_works && !(route && says_how_it_is(*route))) {
+    return problem(ErrorCode::kUnavailable,
+                   "This server carries out jobs and answers nothing but /healthz, /readyz and "
+                   "/metrics (--role worker); ask one with --role api or all.");
+  }
   auth::Guard* guard = services_->options.guard;
   if (request.caller) exchange.caller = *request.caller;
   if (!route || !guard || request.caller) return std::nullopt;

@@ -26,6 +26,11 @@ Json to_json(const JobView& job) {
   if (!record.error_code.empty()) {
     error = {{"code", record.error_code}, {"message", record.error_message}};
   }
+  Json worker, lease_ends;
+  if (job.holder && !job.holder->worker.empty()) {
+    worker = job.holder->worker;
+    lease_ends = to_rfc3339(job.holder->lease_ends);
+  }
   return {{"id", record.id.value},
           {"map", record.map},
           {"kind", record.kind},
@@ -38,6 +43,8 @@ Json to_json(const JobView& job) {
           {"scans_per_second", job.scans_per_second},
           {"eta_s", number_or_null(job.eta_s)},
           {"next_scan", number_or_null(job.next_scan)},
+          {"worker", worker},
+          {"lease_ends", lease_ends},
           {"error", error},
           {"created", to_rfc3339(record.created)},
           {"updated", to_rfc3339(std::max(record.updated, record.created))}};

@@ -56,11 +56,13 @@ Response create_convert(Services& services, const Call& call) {
 Response put_scan(Services& services, const Call& call) {
   const JobId id = job_id(call);
   const std::uint32_t index = call.path_id("index");
-  const auto expected = services.jobs.job(id).next_scan;
+  services.jobs.job(id);  // throws where there is none
   call.content_type({kScanType});
   PosedScan scan = decode_scan(as_bytes(call.content(kMaxScanBody)));
   scan.index = index;
-  switch (services.jobs.put_scan(id, std::move(scan))) {
+  const auto put = services.jobs.put_scan(id, std::move(scan));
+  const auto expected = services.jobs.job(id).next_scan;
+  switch (put) {
     case UploadSource::Put::kTaken:
     case UploadSource::Put::kHadAlready:
       break;

@@ -11,6 +11,7 @@
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "server/api/api.hpp"
+#include "server/jobs/redo.hpp"
 
 // /v1/maps/{map}/loops and /v1/maps/{map}/loops/{loop}.
 
@@ -136,9 +137,8 @@ Json answer(Revision revision, const std::vector<Constraint>& loops,
           {"final_cost", summary.final_cost}};
 }
 
-Response add(Services& services, const Call& call) {
-  const auto state = services.maps.open(call.path("map"));
-  const LoopRequest request = read_request(call.json());
+Response add(Services& services, const LoopRequest& request,
+             const std::shared_ptr<const MapState>& state) {
   const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   std::vector<Constraint> loops;
@@ -206,10 +206,8 @@ bool read_pin(const Json& json) {
   return *pinned;
 }
 
-Response pin(Services& services, const Call& call) {
-  const auto state = services.maps.open(call.path("map"));
-  const ConstraintId id{call.path_id("loop")};
-  const bool pinned = read_pin(call.json());
+Response pin(Services& services, ConstraintId id, bool pinned,
+             const std::shared_ptr<const MapState>& state) {
   const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   check_loop(*graph, id);
@@ -222,9 +220,7 @@ Response pin(Services& services, const Call& call) {
   return json_response(json);
 }
 
-Response remove(Services& services, const Call& call) {
-  const auto state = services.maps.open(call.path("map"));
-  const ConstraintId id{call.path_id("loop")};
+Response remove(Services& services, ConstraintId id, const std::shared_ptr<const MapState>& state) {
   const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   check_loop(*graph, id);
@@ -242,13 +238,23 @@ void add_loop_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string all = "/v1/maps/{map}/loops", one = "/v1/maps/{map}/loops/{loop}";
   router.add({"GET", all, {}, 0, json, [&](const Call& call) { return list(services, call); }});
-  router.add(
-      {"POST", all, {}, kMaxBody, json, [&](const Call& call) { return add(services, call); }});
+  router.add({"POST", all, {}, kMaxBody, json, [&](const Call& call) {
+                const auto state = services.maps.open(call.path("map"));
+                const LoopRequest request = read_request(call.json());
+                return redo_a_few_times([&] { return add(services, request, state); });
+              }});
   router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
-  router.add(
-      {"PATCH", one, {}, kMaxBody, json, [&](const Call& call) { return pin(services, call); }});
-  router.add(
-      {"DELETE", one, {}, 0, json, [&](const Call& call) { return remove(services, call); }});
+  router.add({"PATCH", one, {}, kMaxBody, json, [&](const Call& call) {
+                const auto state = services.maps.open(call.path("map"));
+                const bool pinned = read_pin(call.json());
+                const ConstraintId id{call.path_id("loop")};
+                return redo_a_few_times([&] { return pin(services, id, pinned, state); });
+              }});
+  router.add({"DELETE", one, {}, 0, json, [&](const Call& call) {
+                const auto state = services.maps.open(call.path("map"));
+                const ConstraintId id{call.path_id("loop")};
+                return redo_a_few_times([&] { return remove(services, id, state); });
+              }});
 }
 
 }  // namespace cellmap::server

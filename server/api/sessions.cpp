@@ -8,6 +8,7 @@
 #include "server/api/api.hpp"
 #include "server/api/text.hpp"
 #include "server/jobs/ingest.hpp"
+#include "server/jobs/redo.hpp"
 
 // /v1/maps/{map}/sessions and what belongs to one session: its CELLs by content hash.
 
@@ -150,15 +151,10 @@ Response cell_answer(Services& services, const Call& call, const CellRecord& rec
   return response;
 }
 
-Response put_cell(Services& services, const Call& call) {
+Response put_next_cell(Services& services, const Call& call,
+                       const std::shared_ptr<const MapState>& state, const Bytes& bytes,
+                       const CellView& view) {
   const auto& map = call.path("map");
-  const auto state = services.maps.open(map);
-  call.content_type({kCellType});
-  const std::string body = call.content(kMaxCellBytes);
-  const Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
-  const CellView view = view_cell(bytes);
-  check_cell(call, *state, view);
-
   const std::lock_guard lock(state->writer());
   const auto last = services.store.last_cell(map, view.header.session);
   const std::uint32_t expected = last ? last->sequence + 1 : 0;
@@ -187,9 +183,19 @@ Response put_cell(Services& services, const Call& call) {
                             services.store.map(map).form, EncodedCell{view.hash, bytes});
   FinishedCell finished = finished_without_scans(
       std::make_shared<const RegistrationTarget>(kept.cell, state->lattice()));
-  extend(services.store, *state, back_end, std::move(finished), std::move(kept));
+  extend(services.store, *state, back_end, finished, kept);
   services.metrics.cells_committed(1);
   return cell_answer(services, call, *services.store.last_cell(map, view.header.session), 201);
+}
+
+Response put_cell(Services& services, const Call& call) {
+  const auto state = services.maps.open(call.path("map"));
+  call.content_type({kCellType});
+  const std::string body = call.content(kMaxCellBytes);
+  const Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
+  const CellView view = view_cell(bytes);
+  check_cell(call, *state, view);
+  return redo_a_few_times([&] { return put_next_cell(services, call, state, bytes, view); });
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ CellForm parse_convert_request(const Json& json) {
   return *form;
 }
 
-void run_convert(Maps& maps, const std::string& map, const CellForm& form,
+void run_convert(Maps& maps, Store& store, const std::string& map, const CellForm& form,
                  const std::stop_token& stop, const IngestHooks& hooks) {
   const auto state = maps.open(map);
   const AroundCommit around = [&](CellId id, const std::function<void()>& commit) {
@@ -25,7 +25,7 @@ void run_convert(Maps& maps, const std::string& map, const CellForm& form,
     commit();
     state->forget_cell(id);
   };
-  convert_cells(maps.store(), map, form, stop, hooks.progress, around);
+  convert_cells(store, map, form, stop, hooks.progress, around);
   state->forget_places();
 }
 

@@ -16,8 +16,8 @@ CellForm parse_convert_request(const Json& json);
 
 /// Brings a map into a form CELL by CELL (`convert_cells`), beside whoever else writes to it.
 /// Stopped anywhere it goes on when it is run again. Throws Error{kCancelled} when stopped, and
-/// what `convert_cells` throws.
-void run_convert(Maps& maps, const std::string& map, const CellForm& form,
+/// what `convert_cells` throws. `store` as in `run_ingest`.
+void run_convert(Maps& maps, Store& store, const std::string& map, const CellForm& form,
                  const std::stop_token& stop, const IngestHooks& hooks);
 
 }  // namespace cellmap::server

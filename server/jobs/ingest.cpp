@@ -5,6 +5,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/make_cells.hpp"
 #include "cellmap/pipeline/mapper.hpp"
+#include "server/jobs/redo.hpp"
 
 namespace cellmap::server {
 namespace {
@@ -13,9 +14,9 @@ namespace {
 /// its own; only while the back end ties a CELL to the map do other writers wait.
 class Ingest {
  public:
-  Ingest(Maps& maps, const std::string& map, const IngestRequest& request, ScanSource& source,
-         const std::stop_token& stop, const IngestHooks& hooks)
-      : store_(maps.store()),
+  Ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
+         ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks)
+      : store_(store),
         state_(maps.open(map)),
         request_(request),
         source_(source),
@@ -66,7 +67,7 @@ class Ingest {
     }
     {
       const std::lock_guard lock(state_->writer());
-      extend(store_, *state_, back_end_, std::move(cell), std::move(kept));
+      redo_until_current(stop_, [&] { return extend(store_, *state_, back_end_, cell, kept); });
     }
     const std::lock_guard lock(progress_mutex_);
     ++progress_.cells_done;
@@ -93,12 +94,15 @@ class Ingest {
 
 }  // namespace
 
-CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
-                    KeptCell kept) {
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end,
+                    const FinishedCell& cell, const KeptCell& kept) {
   PoseGraph graph = *state.graph();
   const std::size_t known = graph.constraints.size();
-  MapUpdate update = to_map_update(back_end.integrate(std::move(cell), graph), std::move(kept));
+  BackEnd extended = back_end;
+  MapUpdate update = to_map_update(extended.integrate(cell, graph), kept);
+  update.expected_revision = graph.revision;
   const CommitResult result = store.commit(state.name(), update);
+  back_end = std::move(extended);
   for (std::size_t i = 0; i < result.constraint_ids.size(); ++i) {
     graph.constraints[known + i].id = result.constraint_ids[i];
   }
@@ -114,9 +118,9 @@ std::optional<ResumePoint> find_resume_point(const Store& store, const std::stri
   return ResumePoint{*record, std::make_shared<const Cell>(load_cell(store, map, record->id))};
 }
 
-void run_ingest(Maps& maps, const std::string& map, const IngestRequest& request,
+void run_ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
                 ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks) {
-  Ingest(maps, map, request, source, stop, hooks).run();
+  Ingest(maps, store, map, request, source, stop, hooks).run();
 }
 
 }  // namespace cellmap::server

@@ -25,22 +25,24 @@ std::optional<ResumePoint> find_resume_point(const Store& store, const std::stri
                                              const std::string& session);
 
 /// Ties a finished CELL to the map as it stands and commits it in its kept bytes. `cell` is of
-/// `kept.cell`. The caller holds `state.writer()`.
-CommitResult extend(Store& store, const MapState& state, BackEnd& back_end, FinishedCell&& cell,
-                    KeptCell kept);
+/// `kept.cell`. The caller holds `state.writer()`. Error{kPreconditionFailed} where another server
+/// changed the map meanwhile: the back end is as it was, do it again (jobs/redo.hpp).
+CommitResult extend(Store& store, const MapState& state, BackEnd& back_end,
+                    const FinishedCell& cell, const KeptCell& kept);
 
 struct IngestHooks {
   ProgressCallback progress;   ///< after every scan, by the thread that reads
   ProgressCallback committed;  ///< after every CELL, which is then durable
 };
 
-/// Reads a drive into a map, to which other sessions may be written at the same time. Every CELL is
+/// Reads a drive into a map, to which other sessions may be written at the same time, by other
+/// servers too. `store` takes what is written: that of `maps`, or the same, fenced. Every CELL is
 /// committed with its constraints and the poses it moved as one transaction, so that stopping
 /// anywhere leaves whole CELLs, and running again goes on after the last of them (its base scan is
 /// read again): the map is the same as that of an undisturbed run. A session that is stored whole
 /// changes nothing. Throws Error{kCancelled} when stopped, and whatever the source, the store and
 /// the mapper throw.
-void run_ingest(Maps& maps, const std::string& map, const IngestRequest& request,
+void run_ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
                 ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks);
 
 }  // namespace cellmap::server

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "cellmap/scan/scan_source.hpp"
+#include "cellmap/store/claims.hpp"
 #include "cellmap/store/store.hpp"
 #include "server/api/map_state.hpp"
 #include "server/jobs/ingest_request.hpp"
@@ -25,8 +26,13 @@
 namespace cellmap::server {
 
 struct JobQueueOptions {
-  /// False: another server over the same store carries out jobs, and this one takes none.
+  /// False: other servers over the same store carry out jobs; this one only takes them.
   bool carries_out = true;
+  /// False: nobody sends scans to this server, so it leaves jobs that wait for scans to others.
+  bool takes_scans = true;
+  /// How long a job stays this server's after its last sign of life; it gives one three times as
+  /// often. What a slow disk or network can take must be less.
+  std::chrono::milliseconds lease = std::chrono::seconds(15);
   int threads = 1;                                ///< of one job's computations; 0: all
   int workers = 16;                               ///< jobs that run at a time; uploads mostly wait
   std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused
@@ -43,18 +49,20 @@ struct JobView {
   std::optional<std::uint64_t> next_scan;
   std::size_t room = 0;       ///< scans that an unfinished upload takes without waiting
   bool completed = false;     ///< an unfinished upload of which the client said that it has ended
-  std::uint64_t version = 0;  ///< grows with every change while the job is unfinished
+  std::uint64_t version = 0;  ///< differs after every change while the job is unfinished
+  std::optional<JobHolder> holder;  ///< of an unfinished job
 };
 
 /// Runs jobs: drives that the server reads and merges one a map at a time, in order; drives that
-/// robots send at once, side by side. Jobs survive a restart: what was queued or
-/// running is queued again by the constructor and goes on after its last stored CELL. Thread safe.
-/// Every method throws Error{kNotFound} for a job or a map that is not there.
+/// robots send at once, side by side. Jobs stand in the store, where any number of servers claim
+/// them (store/claims.hpp); a job whose server died or stopped goes on after its last stored CELL,
+/// there or elsewhere. Thread safe. Every method throws Error{kNotFound} for a job or a map that is
+/// not there.
 class JobQueue {
  public:
   JobQueue(Maps& maps, Metrics& metrics, std::shared_ptr<spdlog::logger> log,
            JobQueueOptions options);
-  /// Stops; running jobs are queued again at the next start.
+  /// Stops; running jobs are handed back.
   ~JobQueue();
 
   /// Queues an ingest. Where an unfinished job reads the same session already: that job if it was
@@ -74,7 +82,7 @@ class JobQueue {
   JobView cancel(JobId id);
 
   /// Error{kConflict} where the job takes no scans (any more), Error{kUnavailable} where the queue
-  /// stops.
+  /// stops or another server has the job.
   UploadSource::Put put_scan(JobId id, PosedScan scan);
   JobView complete(JobId id);
 
@@ -84,47 +92,64 @@ class JobQueue {
 
   bool has_unfinished(const std::string& map) const;
   struct Counts {
-    std::size_t queued = 0, running = 0;
+    std::size_t queued = 0;   ///< in the store, claimed by nobody or not begun here
+    std::size_t running = 0;  ///< here
   };
   Counts unfinished() const;
 
-  /// Stops taking and running jobs; `wait` returns at once from now on. Blocks until all workers
-  /// ended.
+  /// Stops taking and running jobs and hands them back; `wait` returns at once from now on. Blocks
+  /// until all workers ended.
   void stop();
   bool is_stopping() const;
 
  private:
   struct LiveJob;
-  using LiveJobs = std::map<JobId, std::shared_ptr<LiveJob>>;
+  using Job = std::shared_ptr<LiveJob>;
 
-  std::shared_ptr<LiveJob> make_live(JobRecord record, IngestRequest request) const;
-  std::shared_ptr<LiveJob> make_live(JobRecord record, MergeRequest request) const;
-  std::shared_ptr<LiveJob> make_live(JobRecord record, const CellForm& form) const;
-  std::shared_ptr<LiveJob> revive(JobRecord record) const;
-  void require_room() const;
-  JobView start(std::shared_ptr<LiveJob> job);
-  std::shared_ptr<LiveJob> live(JobId id) const;  // null where it has ended
-  std::shared_ptr<LiveJob> upload_of(JobId id) const;
+  // Taking and telling (job_queue.cpp).
+  JobView enqueue(JobRecord record, bool alone, const Claims::FindSame& find_same);
+  std::optional<JobId> no_other(const std::vector<HeldJob>& unfinished) const;
+  void require_open() const;
+  Job live(JobId id) const;  ///< null where this server has not claimed it
+  Job upload_of(JobId id);
+  std::optional<JobView> view_of_live(JobId id) const;
+  JobView view_of(const HeldJob& job) const;
   static JobView view(const LiveJob& job);
   static JobView view(const JobRecord& record);
-  void recover();
+
+  // Claiming (job_claims.cpp).
+  void keep_claiming();
+  void claim_what_may_run();
+  Job claim_one(std::optional<JobId> only);
+  Job revive(const HeldJob& held) const;
+  void send_heartbeats();
+  void heed(const std::vector<HeldJob>& unfinished);
+  void lose(LiveJob& job);
+  void drop(LiveJob& job);
+
+  // Carrying out (job_runs.cpp).
   void work();
-  std::shared_ptr<LiveJob> next_runnable() const;
   void run(LiveJob& job);
   void carry_out(LiveJob& job, const IngestHooks& hooks);
-  void finish(LiveJob& job, JobState state, const std::string& code, const std::string& message);
+  void leave(LiveJob& job, const char* why);
+  void end(LiveJob& job, JobState state, const std::string& code, const std::string& message);
   void touch(LiveJob& job);
 
   Maps& maps_;
   Store& store_;
+  Claims& claims_;
   Metrics& metrics_;
   std::shared_ptr<spdlog::logger> log_;
   JobQueueOptions options_;
+  const std::string worker_;  ///< this process, as claims name it
   mutable std::mutex mutex_;
   mutable std::condition_variable changed_;
-  LiveJobs live_;  ///< unfinished jobs
+  std::mutex claiming_;        ///< goes before `mutex_`: from claiming a job until it is live
+  std::map<JobId, Job> live_;  ///< unfinished jobs that this server has claimed
   bool stopping_ = false;
-  std::mutex submit_mutex_;
+  bool has_news_ = false;  ///< a job may have become claimable
+  std::condition_variable news_;
+  std::thread claimer_;
   std::vector<std::thread> workers_;
 };
 

@@ -10,6 +10,7 @@
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/store/copy_sessions.hpp"
 #include "cellmap/store/documents.hpp"
+#include "server/jobs/redo.hpp"
 
 namespace cellmap::server {
 namespace {
@@ -55,10 +56,15 @@ class MergeVisits {
     PoseGraph graph = *state_.graph();
     const bool skipped = !first_time && graph.unaligned.contains(id);
     if (!skipped && !was_committed()) {
-      CellUpdate update = back_end_.revisit(id, finished_without_scans(state_.target(id)), graph);
-      if (!update.constraints.empty()) {
-        store_.commit(state_.name(), to_map_update(std::move(update)));
-      }
+      redo_until_current(stop, [&] {
+        graph = *state_.graph();
+        const Revision seen = graph.revision;
+        CellUpdate found = back_end_.revisit(id, finished_without_scans(state_.target(id)), graph);
+        if (found.constraints.empty()) return;
+        MapUpdate update = to_map_update(std::move(found));
+        update.expected_revision = seen;
+        store_.commit(state_.name(), update);
+      });
     }
     if (first_time && graph.unaligned.contains(id)) early_.push_back(id);
     ++done_;
@@ -121,9 +127,8 @@ MergeRequest parse_merge_request(const Json& json) {
   return request;
 }
 
-void run_merge(Maps& maps, const std::string& map, const MergeRequest& request,
+void run_merge(Maps& maps, Store& store, const std::string& map, const MergeRequest& request,
                const std::stop_token& stop, const IngestHooks& hooks) {
-  Store& store = maps.store();
   std::set<std::string> sessions = request.sessions;
   if (sessions.empty()) {
     for (const SessionInfo& session : store.sessions(request.from)) sessions.insert(session.name);
@@ -132,7 +137,9 @@ void run_merge(Maps& maps, const std::string& map, const MergeRequest& request,
   std::map<CellId, CellId> copied;
   {
     const std::lock_guard lock(state->writer());
-    copied = copy_sessions(store, request.from, sessions, map, stop, hooks.committed);
+    copied = redo_until_current(stop, [&] {
+      return copy_sessions(store, request.from, sessions, map, stop, hooks.committed);
+    });
   }
   std::set<CellId> ids;
   for (const auto& [old, id] : copied) ids.insert(id);

@@ -24,9 +24,9 @@ MergeRequest parse_merge_request(const Json& json);
 /// Copies sessions of another map into `map`; then looks for every CELL of them in the rest of the
 /// map, as if it had just arrived, so that the islands join it and loops are closed. Each step is
 /// one transaction: a merge that was stopped is made again and goes on. What finds no place stays
-/// an island. Throws Error{kCancelled} when stopped, and what `copy_sessions` and the back end
-/// throw.
-void run_merge(Maps& maps, const std::string& map, const MergeRequest& request,
+/// an island. `store` as in `run_ingest`. Throws Error{kCancelled} when stopped, and what
+/// `copy_sessions` and the back end throw.
+void run_merge(Maps& maps, Store& store, const std::string& map, const MergeRequest& request,
                const std::stop_token& stop, const IngestHooks& hooks);
 
 }  // namespace cellmap::server

@@ -52,6 +52,11 @@ bool UploadSource::is_complete() const {
   return complete_;
 }
 
+bool UploadSource::was_idle() const {
+  const std::lock_guard lock(mutex_);
+  return was_idle_;
+}
+
 std::uint64_t UploadSource::next_scan() const {
   const std::lock_guard lock(mutex_);
   return next_scan_;
@@ -72,6 +77,7 @@ std::optional<PosedScan> UploadSource::next() {
   throw_if_stopped(stop_);
   if (interrupted_) throw Error(ErrorCode::kCancelled, "nobody reads the scans any more");
   if (!woken) {
+    was_idle_ = true;
     throw Error(ErrorCode::kUnavailable,
                 "No scan came for " + std::to_string(options_.idle_timeout.count() / 1000) +
                     " s; whole CELLs are kept, post the session again to go on.");

@@ -33,6 +33,8 @@ class UploadSource : public ScanSource {
   /// No more scans will come.
   void complete();
   bool is_complete() const;
+  /// Whether `next` gave up because no scan came.
+  bool was_idle() const;
   /// Index of the scan that `put` expects.
   std::uint64_t next_scan() const;
   /// How many scans `put` would take now without waiting, as far as their points fit too.
@@ -61,6 +63,7 @@ class UploadSource : public ScanSource {
   std::size_t queued_points_ = 0;
   std::uint64_t next_scan_;
   bool complete_ = false;
+  bool was_idle_ = false;
   bool interrupted_ = false;
 };
 

@@ -7,6 +7,7 @@ failover        the primary is killed, its synchronous standby promoted; no ackn
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
+unit-costs      processor time and bytes of one fetch, relocalisation, CELL, scan
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 
 Every row prints a line and is asserted; --json has its figures.
@@ -30,6 +31,7 @@ ROWS = {
     "slow-database": ("postgres",),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),
+    "unit-costs": ("postgres",),
     "capacity": ("postgres",),
 }
 SHORT = ("server-killed",)

@@ -105,6 +105,26 @@ TEST_F(SettingsTest, WhatIsPrintedAsInForceReadsAsTheSame) {
   EXPECT_EQ(again.log_format, "text");
 }
 
+TEST_F(SettingsTest, TheServersOfADatabaseMayShareItsWorkAndThatOfAFileDoesAll) {
+  const std::string database = "postgresql://maps@db/maps";
+  EXPECT_EQ(read({"--store", "a.db"}).role, "all");
+  EXPECT_EQ(read({"--store", "a.db"}).job_lease_s, 15);
+  for (const char* role : {"api", "worker", "all"}) {
+    Settings settings = read({"--store", database, "--role", role, "--job-lease", "2.5"});
+    EXPECT_EQ(settings.role, role);
+    EXPECT_EQ(settings.job_lease_s, 2.5);
+    EXPECT_NO_THROW(check_role(settings));
+    settings.store = "maps.db";
+    if (settings.role == "all") {
+      EXPECT_NO_THROW(check_role(settings));
+    } else {
+      EXPECT_THROW(check_role(settings), Error);
+    }
+  }
+  EXPECT_THAT(refusal({"--store", database, "--role", "boss"}), HasSubstr("boss"));
+  EXPECT_THAT(refusal({"--store", database, "--job-lease", "0"}), HasSubstr("job-lease"));
+}
+
 TEST_F(SettingsTest, OnlyThisMachineIsServedUnlessSomebodyIsAskedForTokens) {
   Settings settings;
   settings.listen = {"127.0.0.1:0", "unix:/tmp/x", "[::1]:0"};

@@ -2,7 +2,16 @@
 
 namespace cellmap::test {
 
-/// SQL that takes back what version 5 of the schema added, for tests that make an older store.
+/// SQL that takes back what a version of the schema added, the newest first, for tests that make an
+/// older store.
+inline constexpr const char* kUndoSchema6 = R"sql(
+    DROP INDEX job_unfinished;
+    ALTER TABLE job DROP COLUMN alone;
+    ALTER TABLE job DROP COLUMN worker;
+    ALTER TABLE job DROP COLUMN claim;
+    ALTER TABLE job DROP COLUMN lease_ends;
+    ALTER TABLE job DROP COLUMN cancel_asked;
+    )sql";
 inline constexpr const char* kUndoSchema5 = R"sql(
     ALTER TABLE map DROP COLUMN encoding;
     ALTER TABLE map DROP COLUMN bound_um;

@@ -8,6 +8,9 @@
 
 #include "cellmap/store/open_store.hpp"
 #include "cellmap/store/postgres_schema.hpp"
+#include "cellmap/store/sql_claims.hpp"
+#include "cellmap/store/sql_schema.hpp"
+#include "store/claims_contract.hpp"
 #include "store/postgres_engine.hpp"
 #include "support/expect_error.hpp"
 
@@ -22,6 +25,7 @@ StoreEngine postgres_engine() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Postgres, StoreContract, ::testing::Values(postgres_engine()));
+INSTANTIATE_TEST_SUITE_P(Postgres, ClaimsContract, ::testing::Values(postgres_engine()));
 
 class PostgresStoreTest : public ::testing::Test {
  protected:
@@ -92,6 +96,65 @@ TEST_F(PostgresStoreTest, ALostConnectionIsMadeAnewByTheNextTransaction) {
   cut_connections();
   store->commit("town", adding({make_cell(3)}));
   EXPECT_EQ(store->map("town").cells, 3u);
+}
+
+TEST_F(PostgresStoreTest, ADatabaseOfVersionFiveIsBroughtUpToDateAndItsJobsMayBeClaimed) {
+  {
+    PostgresConnection old(address_);
+    old.execute("CREATE TABLE cellmap_schema (version BIGINT PRIMARY KEY)");
+    for (std::int64_t step = 0; step < 5; ++step) {
+      old.execute(in_postgres_words(sql_schema_steps()[step]).c_str());
+      Query(old, "INSERT INTO cellmap_schema (version) VALUES (?)", step + 1).run();
+    }
+    old.execute(kJobsOfSchema5);
+  }
+  const auto store = open();
+  expect_jobs_of_schema5(*store);
+  store->create_map("town", {});
+  EXPECT_EQ(store->commit("town", adding({make_cell(1)})).revision, 1u);
+}
+
+TEST_F(PostgresStoreTest, LeasesOutliveTheServerThatReadsThem) {
+  auto a = open();
+  JobRecord job;
+  job.map = "town";
+  job.kind = "merge";
+  claims_of(*a).queue_job(job, true, nothing_same);
+  ASSERT_TRUE(claims_of(*a).claim_job({.worker = "a", .lease = kLong}));
+  a.reset();
+  EXPECT_FALSE(claims_of(*open()).claim_job({.worker = "b"}));
+}
+
+TEST_F(PostgresStoreTest, ClaimsDoNotWaitForALargeCommitOfAnotherServer) {
+  const auto store = open();
+  JobRecord job;
+  job.map = "town";
+  job.kind = "merge";
+  claims_of(*store).queue_job(job, true, nothing_same);
+  PostgresConnection other(address_);
+  other.begin_write();
+  const auto held = claims_of(*store).claim_job({.worker = "a", .lease = kLong});
+  ASSERT_TRUE(held);
+  EXPECT_TRUE(claims_of(*store).extend_claim(claim_of(*held), kLong));
+  claims_of(*store).hand_back(claim_of(*held));
+  EXPECT_TRUE(other.in_transaction());
+  other.execute("ROLLBACK");
+}
+
+TEST_F(PostgresStoreTest, AJobIsNotTakenOverInTheMiddleOfAWriteForIt) {
+  const auto a = open(), b = open();
+  JobRecord record;
+  record.map = "town";
+  record.kind = "merge";
+  claims_of(*a).queue_job(record, true, nothing_same);
+  const HeldJob job =
+      *claims_of(*a).claim_job({.worker = "a", .lease = std::chrono::milliseconds(1)});
+  PostgresConnection writing(address_);
+  writing.begin_write();
+  require_claim(writing, claim_of(job));
+  EXPECT_FALSE(claims_of(*b).claim_job({.worker = "b"})) << "its lease has ended, but it writes";
+  writing.execute("COMMIT");
+  EXPECT_TRUE(claims_of(*b).claim_job({.worker = "b"}));
 }
 
 TEST_F(PostgresStoreTest, ANewerSchemaIsRefused) {

@@ -8,6 +8,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
+#include "store/claims_contract.hpp"
 #include "store/older_schema.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
@@ -23,6 +24,7 @@ StoreEngine sqlite_engine() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sqlite, StoreContract, ::testing::Values(sqlite_engine()));
+INSTANTIATE_TEST_SUITE_P(Sqlite, ClaimsContract, ::testing::Values(sqlite_engine()));
 
 std::string read_file(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -94,7 +96,7 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
 
 TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   make_store();
-  run_sql(file_, std::string(kUndoSchema5) + R"sql(
+  run_sql(file_, std::string(kUndoSchema6) + kUndoSchema5 + R"sql(
       DROP TABLE document;
       DROP INDEX pose_constraint_by_judged;
       ALTER TABLE pose_constraint DROP COLUMN weight;
@@ -121,6 +123,29 @@ TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   store->commit("town", removal);
   EXPECT_EQ(store->map("town").cells, 0u);
   EXPECT_EQ(store->pose_graph("town").new_cell_id(), CellId{5});
+}
+
+TEST_F(SqliteStoreTest, JobsOfVersionFiveMayBeClaimed) {
+  make_store();
+  run_sql(file_, std::string(kUndoSchema6) + kJobsOfSchema5 + "PRAGMA user_version = 5");
+  const auto store = open_sqlite_store(file_);
+  expect_jobs_of_schema5(*store);
+  EXPECT_EQ(store->map("town").cells, 5u);
+}
+
+TEST_F(SqliteStoreTest, WhoOpensTheFileNeedNotWaitForLeasesOfAProcessThatIsGone) {
+  {
+    const auto store = open_sqlite_store(file_);
+    JobRecord job;
+    job.map = "town";
+    job.kind = "merge";
+    claims_of(*store).queue_job(job, true, nothing_same);
+    ASSERT_TRUE(claims_of(*store).claim_job({.worker = "killed", .lease = kLong}));
+  }
+  const auto store = open_sqlite_store(file_);
+  const auto job = claims_of(*store).claim_job({.worker = "next", .lease = kLong});
+  ASSERT_TRUE(job);
+  EXPECT_EQ(job->holder.claim, 2u);
 }
 
 TEST_F(SqliteStoreTest, AnEmptyFileBecomesAStore) {

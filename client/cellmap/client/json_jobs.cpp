@@ -10,6 +10,7 @@ Json to_json(const Job& job) {
   if (job.error_code) {
     error = {{"code", to_string(*job.error_code)}, {"message", job.error_message}};
   }
+  const bool is_held = !job.worker.empty();
   return {{"id", job.id.value},
           {"map", job.map},
           {"kind", job.kind},
@@ -22,6 +23,8 @@ Json to_json(const Job& job) {
           {"scans_per_second", job.scans_per_second},
           {"eta_s", optional(job.eta_s)},
           {"next_scan", job.next_scan ? Json(*job.next_scan) : Json(nullptr)},
+          {"worker", is_held ? Json(job.worker) : Json(nullptr)},
+          {"lease_ends", is_held ? Json(to_rfc3339(job.lease_ends)) : Json(nullptr)},
           {"error", error},
           {"created", to_rfc3339(job.created)},
           {"updated", to_rfc3339(job.updated)}};
@@ -55,6 +58,10 @@ Job job_from_json(const Json& json) {
     if (json.contains("error") && !json.at("error").is_null()) {
       job.error_code = error_code_from_string(json.at("error").at("code").get<std::string>());
       job.error_message = json.at("error").at("message");
+    }
+    if (json.contains("worker") && !json.at("worker").is_null()) {
+      job.worker = json.at("worker");
+      job.lease_ends = stamp_from_rfc3339(json.at("lease_ends"));
     }
     job.created = stamp_from_rfc3339(json.at("created"));
     job.updated = stamp_from_rfc3339(json.at("updated"));

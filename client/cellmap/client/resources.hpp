@@ -114,6 +114,8 @@ struct Job {
   double scans_per_second = 0;
   std::optional<double> eta_s;
   std::optional<std::uint64_t> next_scan;  ///< of an upload that runs: the index expected next
+  std::string worker;    ///< which process carries it out; empty: none, or the server is older
+  Stamp lease_ends = 0;  ///< Unix time; then another one may take it over
   std::optional<ErrorCode> error_code;
   std::string error_message;       ///< of a failed job
   Stamp created = 0, updated = 0;  ///< Unix time

@@ -25,8 +25,10 @@ class Copy {
         from_(from),
         to_(to),
         source_(store.pose_graph(from)),
-        joins_others_(has_others(store, to, sessions)),
-        next_(store.pose_graph(to).new_cell_id()) {
+        joins_others_(has_others(store, to, sessions)) {
+    const PoseGraph target = store.pose_graph(to);
+    next_ = target.new_cell_id();
+    revision_ = target.revision;
     if (store.map(from).lattice != store.map(to).lattice) {
       throw Error(ErrorCode::kInvalidArgument, "maps " + from + " and " + to +
                                                    " have different lattices; their CELLs cannot "
@@ -66,7 +68,7 @@ class Copy {
     }
     MapUpdate update;
     update.cells.push_back(std::move(cell));
-    store_.commit(to_, update);
+    commit(update);
     ids_[record.id] = next_;
     ++next_.value;
   }
@@ -81,16 +83,22 @@ class Copy {
       constraint.id = {};
       update.add_constraints.push_back(std::move(constraint));
     }
-    store_.commit(to_, update);
+    commit(update);
     return std::move(ids_);
   }
 
  private:
+  void commit(MapUpdate& update) {
+    update.expected_revision = revision_;
+    revision_ = store_.commit(to_, update).revision;
+  }
+
   Store& store_;
   const std::string &from_, &to_;
   const PoseGraph source_;
   const bool joins_others_;
   CellId next_;
+  Revision revision_ = 0;  ///< of the target; ids of CELLs to come depend on it
   std::map<CellId, CellId> ids_;
 };
 

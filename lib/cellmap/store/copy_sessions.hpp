@@ -22,7 +22,8 @@ namespace cellmap {
 /// CELLs that are there already are left alone, so that a copy that broke off can be made again:
 /// CELLs go in order, constraints last. Throws Error{kConflict} where a session of that name holds
 /// other CELLs, {kInvalidArgument} where the lattices differ, {kNotFound} for a session or map that
-/// is not there, {kCancelled} when stopped. O(CELLs) with one CELL at a time in memory.
+/// is not there, {kPreconditionFailed} where somebody else changed the target meanwhile (make the
+/// copy again), {kCancelled} when stopped. O(CELLs) with one CELL at a time in memory.
 std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
                                        const std::set<std::string>& sessions, const std::string& to,
                                        const std::stop_token& stop = {},

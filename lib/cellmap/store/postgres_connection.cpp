@@ -292,10 +292,14 @@ void PostgresConnection::execute(const char* sql) {
   answer(PQsendQuery(connection_.get(), sql), is_commit ? kLongestCommit : kLongestStatement);
 }
 
-/// What is lost with a connection.
+/// What is lost with a connection. Our statements read few rows by an index. Where the planner,
+/// which knows the columns of all maps together, expects many, compiling the statement or starting
+/// workers for it takes a hundred times longer than carrying it out.
 void PostgresConnection::configure() {
   PQsetnonblocking(connection_.get(), 1);  // to send, which `await_answer` goes on with
-  execute("SET client_encoding = 'UTF8'; SET lock_timeout = '30s'");
+  execute(
+      "SET client_encoding = 'UTF8'; SET lock_timeout = '30s'; SET jit = off; SET "
+      "max_parallel_workers_per_gather = 0");
 }
 
 /// Nothing is under way yet, so a connection that was lost meanwhile may be made anew.
@@ -333,10 +337,19 @@ void PostgresConnection::begin_write() {
       "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
 }
 
+void PostgresConnection::begin_row_write() {
+  begin("BEGIN");
+  execute("SET LOCAL idle_in_transaction_session_timeout = '10s'");
+}
+
 bool PostgresConnection::in_transaction() const {
   if (is_lost_) return false;
   const PGTransactionStatusType status = PQtransactionStatus(connection_.get());
   return status == PQTRANS_INTRANS || status == PQTRANS_INERROR || status == PQTRANS_ACTIVE;
+}
+
+std::string PostgresConnection::now_ns() const {
+  return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000000 AS BIGINT)";
 }
 
 std::unique_ptr<SqlStatement> PostgresConnection::prepare(const std::string& sql) {

@@ -35,7 +35,12 @@ class PostgresConnection final : public SqlConnection {
   void execute(const char* sql) override;
   void begin_read() override;
   void begin_write() override;
+  void begin_row_write() override;
   bool in_transaction() const override;
+
+  std::string lock_rows() const override { return " FOR UPDATE"; }
+  std::string lock_free_rows() const override { return " FOR UPDATE SKIP LOCKED"; }
+  std::string now_ns() const override;
 
   /// Counts how often the connection was made: what was prepared in an earlier one is gone.
   int generation() const { return generation_; }

@@ -59,6 +59,7 @@ std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                                    .open_reader = connect,
                                                    .max_readers = options.max_readers,
                                                    .writer = std::move(writer),
+                                                   .claimer = connect(),
                                                    .cache_bytes = options.cache_bytes,
                                                    .staging_limit = kStagingLimit});
 }

@@ -58,8 +58,18 @@ class SqlConnection {
   virtual void begin_read() = 0;
   /// Begins a transaction that excludes all others that write, in this process and elsewhere.
   virtual void begin_write() = 0;
+  /// Begins a transaction that writes rows which it locks one by one, and nothing else: where the
+  /// engine can, it waits for no other transaction but one that holds such a row.
+  virtual void begin_row_write() { begin_write(); }
   /// False once a transaction was committed or rolled back, also by the engine after an error.
   virtual bool in_transaction() const = 0;
+
+  // Words in which engines differ, for the end of a SELECT: its rows are nobody else's until the
+  // transaction ends; with the second one, rows that somebody else has locked are left out.
+  virtual std::string lock_rows() const { return ""; }
+  virtual std::string lock_free_rows() const { return ""; }
+  /// The database's clock at this moment: Unix time in nanoseconds, as an expression.
+  virtual std::string now_ns() const = 0;
 
   /// First column of the first row of a statement.
   std::int64_t integer(const char* sql);

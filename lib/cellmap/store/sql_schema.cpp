@@ -181,7 +181,19 @@ ALTER TABLE cell ADD COLUMN source   BLOB;              -- raw hash before codin
 ALTER TABLE cell ADD COLUMN replaced INTEGER NOT NULL DEFAULT 0;  -- revision that changed identity
 )sql";
 
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4, kVersion5};
+// Version 6: who carries out a job (store/claims.hpp).
+constexpr const char* kVersion6 = R"sql(
+ALTER TABLE job ADD COLUMN alone        INTEGER NOT NULL DEFAULT 1;   -- in its map, in order
+ALTER TABLE job ADD COLUMN worker       TEXT    NOT NULL DEFAULT '';  -- '': nobody
+ALTER TABLE job ADD COLUMN claim        INTEGER NOT NULL DEFAULT 0;   -- rises with every claim
+ALTER TABLE job ADD COLUMN lease_ends   INTEGER NOT NULL DEFAULT 0;   -- Unix time, ns
+ALTER TABLE job ADD COLUMN cancel_asked INTEGER NOT NULL DEFAULT 0;
+UPDATE job SET alone = 0 WHERE kind = 'ingest' AND request NOT LIKE '%"path"%';
+CREATE INDEX job_unfinished ON job (id) WHERE state IN ('queued', 'running');
+)sql";
+
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3,
+                                    kVersion4, kVersion5, kVersion6};
 
 }  // namespace
 

@@ -4,6 +4,7 @@
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_claims.hpp"
 #include "cellmap/store/sql_staging.hpp"
 #include "cellmap/store/sql_update.hpp"
 #include "cellmap/store/sql_writes.hpp"
@@ -43,20 +44,30 @@ Error no_cell(const std::string& map, CellId id) {
 
 }  // namespace
 
-SqlStore::SqlStore(SqlEngine engine)
-    : name_(std::move(engine.name)),
-      held_(std::move(engine.held)),
-      writer_(std::move(engine.writer)),
-      readers_(std::move(engine.open_reader), engine.max_readers),
-      cache_(engine.cache_bytes),
-      commits_([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {
-  if (!writer_) return;
+SqlStore::Database::Database(SqlEngine engine, const Store& store)
+    : owner(store),
+      name(std::move(engine.name)),
+      held(std::move(engine.held)),
+      writer(std::move(engine.writer)),
+      claimer(std::move(engine.claimer)),
+      readers(std::move(engine.open_reader), engine.max_readers),
+      cache(engine.cache_bytes),
+      commits([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {}
+
+SqlStore::SqlStore(SqlEngine engine) {
+  const auto staging_limit = engine.staging_limit;
+  database_ = std::make_shared<Database>(std::move(engine), *this);
+  if (!database_->writer) return;
   std::optional<Stamp> created_before;
-  if (engine.staging_limit) {
-    created_before = now() - std::chrono::nanoseconds(*engine.staging_limit).count();
-  }
-  change_tables([&](SqlConnection& c) { remove_staged_maps(c, created_before); });
+  if (staging_limit) created_before = now() - std::chrono::nanoseconds(*staging_limit).count();
+  change_tables([&](SqlConnection& c) {
+    remove_staged_maps(c, created_before);
+    if (!staging_limit) void_all_claims(c);
+  });
 }
+
+SqlStore::SqlStore(std::shared_ptr<Database> database, const JobClaim& claim)
+    : database_(std::move(database)), fence_(claim) {}
 
 MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice,
                              const CellForm& form) {
@@ -98,7 +109,7 @@ void SqlStore::put_document(const std::string& map, const std::string& name,
 
 std::optional<std::string> SqlStore::document(const std::string& map,
                                               const std::string& name) const {
-  return readers_.read([&](SqlConnection& c) -> std::optional<std::string> {
+  return database_->readers.read([&](SqlConnection& c) -> std::optional<std::string> {
     Query row(c, "SELECT content FROM document WHERE map = ? AND name = ?",
               read_map_row(c, map).key, name);
     if (!row.next()) return std::nullopt;
@@ -114,14 +125,15 @@ void SqlStore::remove_document(const std::string& map, const std::string& name) 
 }
 
 std::vector<MapInfo> SqlStore::maps() const {
-  auto all = readers_.read([&](SqlConnection& c) { return read_maps(c, summaries_); });
+  auto all =
+      database_->readers.read([&](SqlConnection& c) { return read_maps(c, database_->summaries); });
   std::erase_if(all, [](const MapInfo& info) { return is_staged(info.name); });
   return all;
 }
 
 MapInfo SqlStore::map(const std::string& name) const {
-  return readers_.read(
-      [&](SqlConnection& c) { return summaries_.complete(c, read_map_row(c, name)); });
+  return database_->readers.read(
+      [&](SqlConnection& c) { return database_->summaries.complete(c, read_map_row(c, name)); });
 }
 
 std::string SqlStore::stage_map(const LatticeSpec& lattice) {
@@ -143,7 +155,7 @@ void SqlStore::publish_map(const std::string& staged, const std::string& name,
 }
 
 MapVersion SqlStore::version(const std::string& name) const {
-  return readers_.read([&](SqlConnection& c) {
+  return database_->readers.read([&](SqlConnection& c) {
     const MapInfo info = read_map_row(c, name).info;
     return MapVersion{info.created, info.revision};
   });
@@ -167,17 +179,17 @@ SessionInfo SqlStore::create_session(const std::string& map, const SessionInfo& 
 }
 
 std::vector<SessionInfo> SqlStore::sessions(const std::string& map) const {
-  return readers_.read([&](SqlConnection& c) { return read_sessions(c, map); });
+  return database_->readers.read([&](SqlConnection& c) { return read_sessions(c, map); });
 }
 
 CellPage SqlStore::cells(const std::string& map, const CellQuery& query) const {
   validate(query);
-  return readers_.read(
+  return database_->readers.read(
       [&](SqlConnection& c) { return read_cells(c, read_map_row(c, map), query); });
 }
 
 CellRecord SqlStore::cell(const std::string& map, CellId id) const {
-  return readers_.read([&](SqlConnection& c) {
+  return database_->readers.read([&](SqlConnection& c) {
     std::optional<CellRecord> cell = find_cell(c, read_map_row(c, map).key, id);
     if (!cell) throw no_cell(map, id);
     return *std::move(cell);
@@ -191,44 +203,45 @@ std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::V
     throw Error(ErrorCode::kInvalidArgument,
                 "count: expected at most " + std::to_string(StoreLimits::kMaxPageSize));
   }
-  return readers_.read(
+  return database_->readers.read(
       [&](SqlConnection& c) { return read_nearest(c, read_map_row(c, map), position, count); });
 }
 
 StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
-  return readers_.read([&](SqlConnection& c) {
+  return database_->readers.read([&](SqlConnection& c) {
     const auto kept = find_kept(c, read_map_row(c, map).key, id);
     if (!kept) throw no_cell(map, id);
-    StoredCell cell{kept->hash, kept->form, cache_.find(kept->content)};
+    StoredCell cell{kept->hash, kept->form, database_->cache.find(kept->content)};
     if (cell.frame) return cell;
     cell.frame = read_blob(c, kept->content);
-    cache_.insert(kept->content, cell.frame);
+    database_->cache.insert(kept->content, cell.frame);
     return cell;
   });
 }
 
 std::vector<CellKeeping> SqlStore::keeping(const std::string& map,
                                            const std::optional<std::string>& session) const {
-  return readers_.read(
+  return database_->readers.read(
       [&](SqlConnection& c) { return read_keeping(c, read_map_row(c, map).key, session); });
 }
 
 std::optional<CellRecord> SqlStore::last_cell(const std::string& map,
                                               const std::string& session) const {
-  return readers_.read(
+  return database_->readers.read(
       [&](SqlConnection& c) { return find_last_cell(c, read_map_row(c, map).key, session); });
 }
 
 PoseGraph SqlStore::pose_graph(const std::string& map, std::optional<Revision> revision) const {
-  return readers_.read([&](SqlConnection& c) { return read_pose_graph(c, map, revision); });
+  return database_->readers.read(
+      [&](SqlConnection& c) { return read_pose_graph(c, map, revision); });
 }
 
 MapChanges SqlStore::changes(const std::string& map, Revision since) const {
-  return readers_.read([&](SqlConnection& c) { return read_changes(c, map, since); });
+  return database_->readers.read([&](SqlConnection& c) { return read_changes(c, map, since); });
 }
 
 std::vector<CellScans> SqlStore::scans(const std::string& map, const std::string& session) const {
-  return readers_.read(
+  return database_->readers.read(
       [&](SqlConnection& c) { return read_scans(c, read_map_row(c, map).key, session); });
 }
 
@@ -247,34 +260,105 @@ void SqlStore::update_job(const JobRecord& job) {
 }
 
 JobRecord SqlStore::job(JobId id) const {
-  return readers_.read([&](SqlConnection& c) { return read_job(c, id); });
+  return database_->readers.read([&](SqlConnection& c) { return read_job(c, id); });
 }
 
 std::vector<JobRecord> SqlStore::jobs(const std::optional<std::string>& map) const {
-  return readers_.read([&](SqlConnection& c) { return read_jobs(c, map); });
+  return database_->readers.read([&](SqlConnection& c) { return read_jobs(c, map); });
 }
 
 void SqlStore::check_ready() const {
-  readers_.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
-  if (writer_) commits_.run([] {});
+  database_->readers.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
+  if (database_->writer) database_->commits.run([] {});
 }
 
 void SqlStore::read_tables(const std::function<void(SqlConnection&)>& read) const {
-  readers_.read([&](SqlConnection& c) { read(c); });
+  database_->readers.read([&](SqlConnection& c) { read(c); });
 }
 
 void SqlStore::change_tables(const std::function<void(SqlConnection&)>& change) const {
-  if (!writer_) {
-    throw Error(ErrorCode::kUnsupported,
-                "store " + name_ + " was opened read-only; open it for writing");
+  database_->require_writable();
+  database_->commits.run([&] {
+    if (fence_) require_claim(*database_->writer, *fence_);
+    change(*database_->writer);
+  });
+  database_->owner.committed().notify();
+}
+
+void SqlStore::change_rows(const std::function<void(SqlConnection&)>& change) const {
+  if (!database_->claimer) return change_tables(change);
+  const std::lock_guard lock(database_->claiming);
+  SqlConnection& connection = *database_->claimer;
+  try {
+    connection.begin_row_write();
+    change(connection);
+    connection.execute("COMMIT");
+  } catch (...) {
+    database_->roll_back(connection);
+    throw;
   }
-  commits_.run([&] { change(*writer_); });
-  committed().notify();
+}
+
+JobRecord SqlStore::queue_job(JobRecord job, bool alone, const FindSame& find_same) {
+  validate(job);
+  job.created = job.updated = now();
+  change_tables([&](SqlConnection& c) { job = insert_job_unless_same(c, job, alone, find_same); });
+  return job;
+}
+
+std::optional<HeldJob> SqlStore::claim_job(const ClaimWish& wish) {
+  validate(wish);
+  // Workers ask again and again, and mostly in vain.
+  if (!database_->readers.read([&](SqlConnection& c) { return is_one_claimable(c, wish); })) {
+    return std::nullopt;
+  }
+  std::optional<HeldJob> job;
+  change_rows([&](SqlConnection& c) { job = claim_one_job(c, wish, now()); });
+  return job;
+}
+
+std::optional<JobHolder> SqlStore::extend_claim(const JobClaim& claim,
+                                                std::chrono::milliseconds lease) {
+  std::optional<JobHolder> holder;
+  change_rows([&](SqlConnection& c) { holder = cellmap::extend_claim(c, claim, lease); });
+  return holder;
+}
+
+void SqlStore::hand_back(const JobClaim& claim) {
+  change_rows([&](SqlConnection& c) { hand_back_claim(c, claim); });
+}
+
+JobRecord SqlStore::ask_to_cancel(JobId id) {
+  JobRecord job;
+  change_rows([&](SqlConnection& c) { job = cancel_or_ask(c, id, now()); });
+  return job;
+}
+
+std::vector<HeldJob> SqlStore::unfinished_jobs(const std::optional<std::string>& map) const {
+  return database_->readers.read([&](SqlConnection& c) { return read_unfinished_jobs(c, map); });
+}
+
+std::unique_ptr<Store> SqlStore::fenced(const JobClaim& claim) {
+  return std::unique_ptr<SqlStore>(new SqlStore(database_, claim));
+}
+
+void SqlStore::Database::require_writable() const {
+  if (writer) return;
+  throw Error(ErrorCode::kUnsupported,
+              "store " + name + " was opened read-only; open it for writing");
+}
+
+void SqlStore::Database::roll_back(SqlConnection& connection) noexcept {
+  try {
+    if (connection.in_transaction()) connection.execute("ROLLBACK");
+  } catch (...) {
+    // The next BEGIN fails then and says so to its callers.
+  }
 }
 
 /// One transaction for all, one savepoint for each: a write that fails takes back only its own.
-void SqlStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
-  SqlConnection& connection = *writer_;
+void SqlStore::Database::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
+  SqlConnection& connection = *writer;
   try {
     connection.begin_write();
     for (GroupCommit::Write* const write : batch) {
@@ -294,11 +378,7 @@ void SqlStore::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
     for (GroupCommit::Write* const write : batch) {
       if (!write->failure) write->failure = std::current_exception();
     }
-    try {
-      if (connection.in_transaction()) connection.execute("ROLLBACK");
-    } catch (...) {
-      // The next BEGIN fails then and says so to its callers.
-    }
+    roll_back(connection);
   }
 }
 

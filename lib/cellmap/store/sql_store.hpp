@@ -3,11 +3,13 @@
 #include <chrono>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "cellmap/store/blob_cache.hpp"
+#include "cellmap/store/claims.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/sql_pool.hpp"
@@ -24,14 +26,17 @@ struct SqlEngine {
   SqlPool::Open open_reader;
   std::size_t max_readers = 16;
   std::unique_ptr<SqlConnection> writer;  ///< null where the store is read-only
-  std::size_t cache_bytes = 64u << 20;    ///< of hot CELL blobs
-  /// Staged maps of this age were left by a crash; nullopt: all were, since nobody else writes.
+  /// For claims, which then need not wait for what the writer does; null: they go through it.
+  std::unique_ptr<SqlConnection> claimer = nullptr;
+  std::size_t cache_bytes = 64u << 20;  ///< of hot CELL blobs
+  /// Staged maps of this age were left by a crash; nullopt: all were, since nobody else writes, and
+  /// what was claimed was claimed by processes that are gone.
   std::optional<std::chrono::hours> staging_limit;
 };
 
 /// A store in an SQL database whose schema is this build's. Engines differ in how they connect and
 /// in what they can do besides.
-class SqlStore : public Store, public Documents, public Staging {
+class SqlStore : public Store, public Documents, public Staging, public Claims {
  public:
   explicit SqlStore(SqlEngine engine);
 
@@ -73,21 +78,45 @@ class SqlStore : public Store, public Documents, public Staging {
   std::vector<JobRecord> jobs(const std::optional<std::string>& map) const override;
   void check_ready() const override;
 
+  JobRecord queue_job(JobRecord job, bool alone, const FindSame& find_same) override;
+  std::optional<HeldJob> claim_job(const ClaimWish& wish) override;
+  std::optional<JobHolder> extend_claim(const JobClaim& claim,
+                                        std::chrono::milliseconds lease) override;
+  void hand_back(const JobClaim& claim) override;
+  JobRecord ask_to_cancel(JobId id) override;
+  std::vector<HeldJob> unfinished_jobs(const std::optional<std::string>& map) const override;
+  std::unique_ptr<Store> fenced(const JobClaim& claim) override;
+
   /// Inside one transaction: for what works on the tables themselves (store/copy_map.hpp).
   void read_tables(const std::function<void(SqlConnection&)>& read) const;
   /// The same with the connection that writes; durable when it returns.
   void change_tables(const std::function<void(SqlConnection&)>& change) const;
 
  private:
-  void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
+  /// What a store shares with those that are fenced.
+  struct Database {
+    Database(SqlEngine engine, const Store& owner);
+    void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
+    void require_writable() const;
+    static void roll_back(SqlConnection& connection) noexcept;
 
-  const std::string name_;
-  const std::shared_ptr<const void> held_;
-  const std::unique_ptr<SqlConnection> writer_;  ///< of the head of `commits_`
-  mutable SqlPool readers_;
-  mutable BlobCache cache_;
-  mutable MapSummaries summaries_;
-  mutable GroupCommit commits_;
+    const Store& owner;  ///< who is told of commits
+    const std::string name;
+    const std::shared_ptr<const void> held;
+    const std::unique_ptr<SqlConnection> writer;  ///< of the head of `commits`
+    std::mutex claiming;
+    const std::unique_ptr<SqlConnection> claimer;  ///< under `claiming`
+    SqlPool readers;
+    BlobCache cache;
+    MapSummaries summaries;
+    GroupCommit commits;
+  };
+  SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);
+  /// As `change_tables`, for changes of rows that they lock themselves.
+  void change_rows(const std::function<void(SqlConnection&)>& change) const;
+
+  std::shared_ptr<Database> database_;
+  const std::optional<JobClaim> fence_;
 };
 
 }  // namespace cellmap

@@ -23,6 +23,7 @@ class SqliteConnection final : public SqlConnection {
   void begin_read() override { execute("BEGIN"); }
   void begin_write() override { execute("BEGIN IMMEDIATE"); }
   bool in_transaction() const override;
+  std::string now_ns() const override;
 
  private:
   std::unique_ptr<SqlStatement> prepare(const std::string& sql) override;

@@ -211,4 +211,12 @@ void validate(const JobRecord& job) {
   }
 }
 
+void validate(const ClaimWish& wish) {
+  if (wish.worker.empty()) invalid("worker: its name is empty");
+  check_text("worker", wish.worker, Limits::kMaxWorkerBytes);
+  if (wish.lease.count() <= 0 || wish.lease > std::chrono::hours(24)) {
+    invalid("lease: expected more than nothing and at most a day");
+  }
+}
+
 }  // namespace cellmap

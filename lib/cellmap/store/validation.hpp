@@ -1,5 +1,6 @@
 #pragma once
 
+#include "cellmap/store/claims.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
@@ -15,6 +16,7 @@ struct StoreLimits {
   static constexpr std::uint64_t kMaxCount = 1'000'000'000'000'000;  ///< of points
   static constexpr std::size_t kMaxRequestBytes = 1u << 20;          ///< of a job's request
   static constexpr std::size_t kMaxJobTextBytes = 1u << 14;          ///< of a job's other texts
+  static constexpr std::size_t kMaxWorkerBytes = 200;                ///< of a worker's name
 };
 
 /// What can be checked of an argument without looking into the store. Throws
@@ -23,6 +25,7 @@ void validate(const MapUpdate& update);
 void validate(const CellQuery& query);
 void validate(const JobRecord& job);
 void validate(const SessionInfo& session);
+void validate(const ClaimWish& wish);
 void validate_position(const Eigen::Vector3d& position);
 
 /// True for a rigid pose with a position inside StoreLimits::kMaxCoordinateM.
