@@ -4,6 +4,8 @@ does and what must hold:
 
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
 failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
+worker-killed   a worker is killed in mid-job: another one ends it, with the same bytes
+two-workers     two drives by two workers against one: faster, and the same bytes
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
@@ -28,6 +30,8 @@ from support import missing, note  # noqa: E402
 ROWS = {
     "server-killed": ("postgres", "haproxy", "nginx"),
     "failover": ("postgres",),
+    "worker-killed": ("postgres",),
+    "two-workers": ("postgres", "taskset"),
     "slow-database": ("postgres",),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),
