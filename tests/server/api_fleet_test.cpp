@@ -8,11 +8,11 @@
 namespace cellmap::server::test {
 namespace {
 
-constexpr std::size_t kScans = 24;
+constexpr std::size_t kDriveScans = 24;
 
 class ApiFleet : public ApiTest {
  protected:
-  ApiFleet() { write_drive(folder_.path() / "data" / "drive", kScans); }
+  ApiFleet() { write_drive(folder_.path() / "data" / "drive", kDriveScans); }
 
   enum class Role { kAll, kApi, kWorker };
   std::unique_ptr<Api> server(Role role) {
@@ -56,7 +56,7 @@ TEST_F(ApiFleet, AJobThatOneServerTakesAnotherCarriesOutAndAnyTellsOf) {
   const auto worker = server(Role::kWorker);
   const Json ended = ended_job(made);
   EXPECT_EQ(ended["state"], "succeeded") << ended.dump();
-  EXPECT_EQ(ended["scans_done"], kScans);
+  EXPECT_EQ(ended["scans_done"], kDriveScans);
   EXPECT_TRUE(ended["worker"].is_null());
   EXPECT_EQ(json_of(get("/v1/maps/town"))["cells"], 4);
 }
