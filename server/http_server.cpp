@@ -12,10 +12,12 @@
 #include "server/api/standard_headers.hpp"
 #include "server/api/text.hpp"
 #include "server/http/client_address.hpp"
+#include "server/http/send_answer.hpp"
 
-// HTTP/1.1 by cpp-httplib: it reads heads (which the front has let pass) and bodies, and writes
-// answers. What it would do by itself is kept from it: ranges are the API's, and bodies are sent
-// through content providers, which it does not compress.
+// HTTP/1.1. What has no body (GET, HEAD) was read with its head, and is answered by `send_answer`;
+// requests with bodies go through cpp-httplib, which reads them and writes their answers. What it
+// would do by itself is kept from it: ranges are the API's, and bodies are sent through content
+// providers, which it does not compress.
 
 namespace cellmap::server {
 namespace {
@@ -150,10 +152,14 @@ struct HttpServer::Impl : httplib::Server {
     own.method = request.method;
     own.target = request.target;
     for (const auto& [name, value] : request.headers) own.headers.add(name, value);
-    own.address =
-        client_address(request.remote_addr, own.headers.get("X-Forwarded-For"), trusted_proxies);
-    own.id = given_request_id(own.headers).value_or(next_id());
+    identify(own, request.remote_addr);
     return own;
+  }
+
+  void identify(server::Request& request, const std::string& peer) {
+    request.address = client_address(peer, request.headers.get("X-Forwarded-For"), trusted_proxies);
+    auto given = given_request_id(request.headers);
+    request.id = given ? *std::move(given) : next_id();
   }
 
   std::string next_id() { return instance + "-" + std::to_string(++request_count); }
@@ -253,6 +259,23 @@ struct HttpServer::Impl : httplib::Server {
   }
 
   bool serve(Connection& connection, const RequestHead& head) {
+    const bool is_bare = (head.method == "GET" || head.method == "HEAD") && !head.has_body();
+    return is_bare ? serve_bare(connection, head) : serve_with_body(connection, head);
+  }
+
+  /// What is asked for most is read already, and answered in one call.
+  bool serve_bare(Connection& connection, const RequestHead& head) {
+    server::Request request;
+    request.method = head.method;
+    request.target = head.target;
+    for (const auto& [name, value] : head.fields) request.headers.add(name, std::string(value));
+    identify(request, connection.address());
+    const AnswerForm form{request.method == "HEAD", head.is_http_1_0, head.keep};
+    connection.skip(head.size);
+    return send_answer(connection, api.handle(request), form);
+  }
+
+  bool serve_with_body(Connection& connection, const RequestHead& head) {
     // Copied: the head's bytes are read over.
     const std::uint64_t declared = head.content_length;
     const bool chunked = head.chunked;

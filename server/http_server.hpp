@@ -17,8 +17,8 @@ struct HttpServerOptions {
   std::vector<std::string> trusted_proxies;  ///< as `client_address` has them
 };
 
-/// The API behind sockets: the front (server/http) takes connections and heads, cpp-httplib, which
-/// is seen in the .cpp only, reads bodies and writes answers.
+/// The API behind sockets: the front (server/http) takes connections and heads, and answers what
+/// has no body; cpp-httplib, which is seen in the .cpp only, reads bodies and answers those.
 class HttpServer {
  public:
   /// Binds and listens. Throws what `Listener` throws. The API must outlive the server.

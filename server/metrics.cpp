@@ -6,7 +6,11 @@
 #include <prometheus/registry.h>
 #include <prometheus/text_serializer.h>
 
+#include <functional>
+#include <map>
+#include <mutex>
 #include <sstream>
+#include <tuple>
 
 #include "server/process_figures.hpp"
 
@@ -72,6 +76,25 @@ struct Metrics::Impl {
     return prometheus::BuildCounter().Name(name).Help(help).Register(registry);
   }
 
+  /// What is counted for every request of a route. They stay where they are.
+  struct Series {
+    Counter* requests;
+    prometheus::Histogram* latency;
+  };
+  /// Kept beside the families, which make labels and a series anew to find the one that is there.
+  Series series_of(const std::string& route, const std::string& method, int status) {
+    const std::lock_guard lock(mutex);
+    const auto found = series.find(std::tie(route, method, status));
+    if (found != series.end()) return found->second;
+    const Series made{
+        &requests.Add({{"route", route}, {"method", method}, {"code", std::to_string(status)}}),
+        &latency.Add({{"route", route}, {"method", method}}, kLatencyBuckets_s)};
+    series.emplace(std::tuple(route, method, status), made);
+    return made;
+  }
+
+  std::mutex mutex;  ///< of `series`
+  std::map<std::tuple<std::string, std::string, int>, Series, std::less<>> series;
   prometheus::Registry registry;
   Family<Counter>& requests = counters("http_requests_total", "Requests answered");
   Family<prometheus::Histogram>& latency =
@@ -103,9 +126,9 @@ Metrics::~Metrics() = default;
 
 void Metrics::request(const std::string& route, const std::string& method, int status,
                       double seconds, std::size_t bytes_out) {
-  impl_->requests.Add({{"route", route}, {"method", method}, {"code", std::to_string(status)}})
-      .Increment();
-  impl_->latency.Add({{"route", route}, {"method", method}}, kLatencyBuckets_s).Observe(seconds);
+  const Impl::Series series = impl_->series_of(route, method, status);
+  series.requests->Increment();
+  series.latency->Observe(seconds);
   impl_->bytes_out.Increment(static_cast<double>(bytes_out));
 }
 

@@ -1,10 +1,12 @@
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cstdio>
 
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/coded_cell.hpp"
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/read_cell.hpp"
 #include "server/api/api.hpp"
 #include "server/api/coded_cells.hpp"
@@ -86,10 +88,10 @@ Json cell_document(const CellRecord& record, const Cell& cell) {
 std::string pose_header(const Pose& pose) {
   std::string text;
   for (const double value : to_xyz_qxyzw(pose)) {
-    std::array<char, 32> number{};
-    std::snprintf(number.data(), number.size(), "%.17g", value);
+    std::array<char, 32> number;  // the shortest text that reads back as the same number
+    const auto end = std::to_chars(number.data(), number.data() + number.size(), value).ptr;
     if (!text.empty()) text += ' ';
-    text += number.data();
+    text.append(number.data(), end);
   }
   return text;
 }
@@ -102,10 +104,8 @@ std::string number_text(double value) {
 
 /// The three forms of a CELL, each with its own entity tag.
 struct CellTags {
-  explicit CellTags(const ContentHash& hash)
-      : identity('"' + to_hex(hash) + '"'),
-        zstd('"' + to_hex(hash) + "-zstd\""),
-        json('"' + to_hex(hash) + "-json\"") {}
+  explicit CellTags(const std::string& hash)
+      : identity('"' + hash + '"'), zstd('"' + hash + "-zstd\""), json('"' + hash + "-json\"") {}
   std::string identity, zstd, json;
 };
 
@@ -173,21 +173,25 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
   const auto type = negotiate(call.header("Accept"), types);
   if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
   const auto& map = call.path("map");
-  const CellRecord record = services.store.cell(map, CellId{call.path_id("cell")});
-  const CellTags tags(record.hash);
+  const CellId id{call.path_id("cell")};
+  const auto asked = call.query("hash");
+  const auto remembered = asked ? remembered_cell(services.store, map, id, *asked) : std::nullopt;
+  const auto [revision, record] =
+      remembered ? remembered->cell : current_cell(services.store, map, id);
+  const std::string hash = to_hex(record.hash);
+  const CellTags tags(hash);
 
   // A CELL gets other content where its map is converted: for ever is only what a hash names.
-  const auto asked = call.query("hash");
-  if (asked && *asked != to_hex(record.hash)) {
-    throw Error(ErrorCode::kNotFound, "The CELL has not the content 'hash' names (any more), but " +
-                                          to_hex(record.hash) + ".");
+  if (asked && *asked != hash) {
+    throw Error(ErrorCode::kNotFound,
+                "The CELL has not the content 'hash' names (any more), but " + hash + ".");
   }
   Response response;
   response.headers.set("Cache-Control",
                        asked ? "public, max-age=31536000, immutable" : "public, no-cache");
   response.headers.set("Vary", "Accept, Accept-Encoding");
   response.headers.set("CELLmap-Pose", pose_header(record.T_map_cell));
-  response.headers.set("CELLmap-Revision", std::to_string(services.store.map(map).revision));
+  response.headers.set("CELLmap-Revision", std::to_string(revision));
   if (*type == kCodedCellType) return coded_cell(coded_cells, call, record, std::move(response));
   const bool as_json = *type == "application/json";
   const auto condition = call.header("If-None-Match");
@@ -197,7 +201,8 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
     response.status = 304;
     return response;
   }
-  const StoredCell stored = services.store.stored_cell(map, record.id);
+  const StoredCell stored =
+      remembered ? remembered->stored : services.store.stored_cell(map, record.id);
   // Converted between the two reads: what was said above is of another content.
   if (stored.hash != record.hash) return get(services, coded_cells, call);
   say_bound(response, stored.form);

@@ -12,6 +12,7 @@ void Headers::set(std::string_view name, std::string value) {
 }
 
 void Headers::add(std::string_view name, std::string value) {
+  if (fields_.empty()) fields_.reserve(16);  // of nearly all messages
   fields_.emplace_back(std::string(name), std::move(value));
 }
 

@@ -1,5 +1,8 @@
 #include "server/api/router.hpp"
 
+#include <algorithm>
+#include <span>
+
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
 #include "server/api/access.hpp"
@@ -22,6 +25,7 @@ std::string decoded_or_throw(std::string_view text) {
 std::vector<std::string_view> segments_of(std::string_view path) {
   if (path.starts_with('/')) path.remove_prefix(1);
   std::vector<std::string_view> segments;
+  segments.reserve(8);
   for (;;) {
     const auto slash = path.find('/');
     segments.push_back(path.substr(0, slash));
@@ -30,19 +34,24 @@ std::vector<std::string_view> segments_of(std::string_view path) {
   }
 }
 
-std::optional<std::map<std::string, std::string>> match(std::string_view pattern,
-                                                        std::string_view path) {
-  const auto expected = segments_of(pattern), found = segments_of(path);
-  if (expected.size() != found.size()) return std::nullopt;
+bool is_parameter(std::string_view segment) { return segment.starts_with('{'); }
+
+/// Whatever the parameters are.
+bool has_segments(std::span<const std::string> pattern, std::span<const std::string_view> path) {
+  return std::ranges::equal(pattern, path, [](std::string_view expected, std::string_view found) {
+    return is_parameter(expected) || expected == found;
+  });
+}
+
+std::optional<std::map<std::string, std::string>> match(std::span<const std::string> pattern,
+                                                        std::span<const std::string_view> path) {
+  if (!has_segments(pattern, path)) return std::nullopt;
   std::map<std::string, std::string> parameters;
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    if (expected[i].starts_with('{')) {
-      auto value = percent_decoded(found[i]);
-      if (!value || value->empty()) return std::nullopt;
-      parameters.emplace(expected[i].substr(1, expected[i].size() - 2), *std::move(value));
-    } else if (expected[i] != found[i]) {
-      return std::nullopt;
-    }
+  for (std::size_t i = 0; i < pattern.size(); ++i) {
+    if (!is_parameter(pattern[i])) continue;
+    auto value = percent_decoded(path[i]);
+    if (!value || value->empty()) return std::nullopt;
+    parameters.emplace(pattern[i].substr(1, pattern[i].size() - 2), *std::move(value));
   }
   return parameters;
 }
@@ -135,14 +144,18 @@ std::shared_ptr<ByteFile> Call::file() const {
 
 void Router::add(Route route) {
   route.scope = scope_of(route.method, route.pattern);
+  const auto segments = segments_of(route.pattern);
+  segments_.emplace_back(segments.begin(), segments.end());
   routes_.push_back(std::move(route));
 }
 
 Router::Match Router::find(std::string_view method, std::string_view path) const {
   Match result;
-  for (const auto& route : routes_) {
-    auto parameters = match(route.pattern, path);
+  const auto segments = segments_of(path);
+  for (std::size_t i = 0; i < routes_.size(); ++i) {
+    auto parameters = match(segments_[i], segments);
     if (!parameters) continue;
+    const Route& route = routes_[i];
     const bool fits = route.method == method || (route.method == "GET" && method == "HEAD");
     if (fits) return {&route, *std::move(parameters), {}};
     const std::string name = route.method == "GET" ? "GET, HEAD" : route.method;

@@ -91,6 +91,7 @@ class Router {
 
  private:
   std::vector<Route> routes_;
+  std::vector<std::vector<std::string>> segments_;  ///< of the routes' patterns
 };
 
 /// The path (still percent-encoded) and the decoded query of a request target. Throws

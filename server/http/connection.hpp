@@ -35,6 +35,8 @@ class Connection {
   /// closed or the connection is broken.
   bool receive();
   std::string_view input() const { return std::string_view(input_).substr(begin_); }
+  /// These first bytes of the input were read. Views of it hold until more is received.
+  void skip(std::size_t size) { begin_ += size; }
 
   /// Before a request is read and answered: with `patient`, a worker may wait for the peer to take
   /// the answer; else what the socket does not take at once is left for `send_pending`.
@@ -60,6 +62,8 @@ class Connection {
   bool discard();
   /// True where the peer has closed its side, or the connection is broken.
   bool is_closed_by_peer() const;
+  /// The server stops: what has no end of its own ends.
+  bool is_stopping() const { return stop_; }
 
  private:
   bool wait(short events, Clock::time_point deadline) const;

@@ -40,17 +40,22 @@ struct FrontHandlers {
   std::function<void(Response&)> complete = {};
 };
 
-/// The sockets of the server. One thread accepts, holds idle connections, reads heads and sends
-/// what slow readers have not taken yet, all without waiting (epoll); so thousands of idle or slow
-/// clients cost a few kilobytes each and nobody's time. A worker gets a connection only with a
-/// request whose head is whole and in order (`read_request_head`). There are two kinds, so that
-/// those who wait (for a body, for a job's events, for a relocalisation's turn) never hold up a
-/// fetch. When both workers and their queue are taken a request is refused before it costs
-/// anything.
+/// The sockets of the server. One thread, the loop, accepts, reads heads that come in pieces and
+/// sends what slow readers have not taken yet, all without waiting (epoll); so thousands of idle or
+/// slow clients cost a few kilobytes each and nobody's time. Idle connections are waited for by the
+/// quick workers themselves (`QuickWorkers`): whom the kernel wakes reads the head, answers, and
+/// parks the connection again, so that a fetch costs no other thread anything. Heads have to be
+/// whole and in order (`read_request_head`) before anything is done for them. What may wait (for a
+/// body, for a job's events, for a relocalisation's turn) goes to the patient workers, so that it
+/// never holds up a fetch. When all quick workers are at work the loop looks at what came, within a
+/// tenth of a second, and puts it into their queue; where a queue is full a request is refused
+/// before it costs anything.
 ///
-///     accepted -> idle -> head -> served by a worker -> (sending) -> idle ...
-///                                                    -> closing: half closed, until the peer has
-///                                                       read the answer
+///     accepted -> idle -> (head) -> served by a worker -> (sending) -> idle ...
+///                                                      -> closing: half closed, until the peer
+///                                                         has read the answer
+///
+/// A connection belongs to the thread that took it, until that parks it (`Clients`).
 class Front {
  public:
   Front(std::vector<Listener> listeners, FrontOptions options, FrontHandlers handlers);

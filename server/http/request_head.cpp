@@ -1,7 +1,7 @@
 #include "server/http/request_head.hpp"
 
 #include <algorithm>
-#include <cctype>
+#include <array>
 #include <string>
 
 #include "cellmap/core/error.hpp"
@@ -23,11 +23,18 @@ struct Refused {
   throw Refused{problem_with_status(status, code, detail)};
 }
 
+/// What may be in a token (RFC 9110, section 5.6.2), by character.
+constexpr std::array<bool, 256> kInToken = [] {
+  std::array<bool, 256> in_token{};
+  for (const char c : std::string_view("!#$%&'*+-.^_`|~0123456789"
+                                       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz")) {
+    in_token[static_cast<unsigned char>(c)] = true;
+  }
+  return in_token;
+}();
+
 bool is_token(std::string_view text) {
-  constexpr std::string_view kMarks = "!#$%&'*+-.^_`|~";
-  return !text.empty() && std::ranges::all_of(text, [&](unsigned char c) {
-    return std::isalnum(c) || kMarks.find(static_cast<char>(c)) != kMarks.npos;
-  });
+  return !text.empty() && std::ranges::all_of(text, [](unsigned char c) { return kInToken[c]; });
 }
 
 bool is_control(unsigned char c) { return (c < 0x20 && c != '\t') || c == 0x7f; }
@@ -40,21 +47,14 @@ bool hides_control(std::string_view value) {
            : c >= 'A' && c <= 'F' ? c - 'A' + 10
                                   : -1;
   };
-  for (std::size_t i = 0; i + 2 < value.size(); ++i) {
+  for (auto i = value.find('%'); i != value.npos && i + 2 < value.size();
+       i = value.find('%', i + 1)) {
     const int high = digit(value[i + 1]), low = digit(value[i + 2]);
-    if (value[i] == '%' && high >= 0 && low >= 0 &&
-        is_control(static_cast<unsigned char>(16 * high + low))) {
+    if (high >= 0 && low >= 0 && is_control(static_cast<unsigned char>(16 * high + low))) {
       return true;
     }
   }
   return false;
-}
-
-std::string_view trimmed(std::string_view text) {
-  constexpr std::string_view kBlank = " \t";
-  const auto begin = text.find_first_not_of(kBlank);
-  if (begin == text.npos) return {};
-  return text.substr(begin, text.find_last_not_of(kBlank) - begin + 1);
 }
 
 /// True for HTTP/1.1, false for 1.0.
@@ -87,8 +87,8 @@ bool read_request_line(std::string_view line, const HeadLimits& limits, RequestH
 
 /// What the fields say, gathered one by one.
 struct Fields {
-  std::size_t count = 0;
   std::size_t lengths = 0, transfer_codings = 0, hosts = 0;
+  bool says_close = false, says_keep = false;
 };
 
 void read_field(std::string_view line, RequestHead& head, Fields& fields) {
@@ -101,6 +101,7 @@ void read_field(std::string_view line, RequestHead& head, Fields& fields) {
   if (std::ranges::any_of(value, is_control) || hides_control(value)) {
     refuse("A header field holds a control character.");
   }
+  head.fields.emplace_back(name, value);
   if (equal_no_case(name, "Content-Length")) {
     const auto length = parse_unsigned(value);
     if (!length) refuse("Content-Length is not a number.");
@@ -114,6 +115,11 @@ void read_field(std::string_view line, RequestHead& head, Fields& fields) {
     ++fields.transfer_codings;
   } else if (equal_no_case(name, "Host")) {
     ++fields.hosts;
+  } else if (equal_no_case(name, "Connection")) {
+    for (const auto option : split(value, ',')) {
+      if (equal_no_case(option, "close")) fields.says_close = true;
+      if (equal_no_case(option, "keep-alive")) fields.says_keep = true;
+    }
   } else if (equal_no_case(name, "Content-Encoding")) {
     if (!value.empty() && !equal_no_case(value, "identity") && !equal_no_case(value, "zstd")) {
       refuse(415, ErrorCode::kUnsupported,
@@ -131,17 +137,18 @@ std::string_view take_line(std::string_view& text) {
   const auto end = text.find("\r\n");
   const auto line = text.substr(0, end);
   text.remove_prefix(end + 2);
-  if (line.find_first_of("\r\n") != line.npos) refuse("A line does not end with CR LF.");
+  if (line.find('\r') != line.npos || line.find('\n') != line.npos)
+    refuse("A line does not end with CR LF.");
   return line;
 }
 
 RequestHead read_whole(std::string_view bytes, const HeadLimits& limits) {
   RequestHead head;
   head.size = bytes.size();
-  const bool needs_host = read_request_line(take_line(bytes), limits, head);
+  head.is_http_1_0 = !read_request_line(take_line(bytes), limits, head);
   Fields fields;
   for (auto line = take_line(bytes); !line.empty(); line = take_line(bytes)) {
-    if (++fields.count > limits.max_fields) {
+    if (head.fields.size() == limits.max_fields) {
       refuse(431, ErrorCode::kTooLarge,
              "A request may have " + std::to_string(limits.max_fields) + " header fields.");
     }
@@ -150,7 +157,10 @@ RequestHead read_whole(std::string_view bytes, const HeadLimits& limits) {
   if (fields.lengths + fields.transfer_codings > 1) {
     refuse("The length of the body is given twice.");
   }
-  if (fields.hosts > 1 || (needs_host && fields.hosts == 0)) refuse("Expected one Host field.");
+  if (fields.hosts > 1 || (!head.is_http_1_0 && fields.hosts == 0)) {
+    refuse("Expected one Host field.");
+  }
+  head.keep = !fields.says_close && (!head.is_http_1_0 || fields.says_keep);
   return head;
 }
 

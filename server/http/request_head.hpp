@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <optional>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "server/api/message.hpp"
 
@@ -21,6 +23,9 @@ struct RequestHead {
   std::string_view method, target;
   std::uint64_t content_length = 0;
   bool chunked = false;
+  bool is_http_1_0 = false;
+  bool keep = true;  ///< the client may send another request after this one
+  std::vector<std::pair<std::string_view, std::string_view>> fields;  ///< trimmed, as they came
 
   bool has_body() const { return chunked || content_length > 0; }
 };

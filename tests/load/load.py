@@ -4,7 +4,7 @@
 1. mixture: a fleet that fetches, asks for batches and changes, relocalises, uploads and follows, for a bounded time.
 2. crowd: the same with 500 idle and 200 slow connections held beside it.
 3. beside nginx: one CELL's bytes, as cellmapd serves them and as nginx serves them from a file, by wrk with 1, 16 and 256
-   connections, in turns.
+   connections, in turns: of about 30 KB, of which most CELLs of a robot's map are, and a large one.
 4. fetches while relocalisation is saturated, against alone, in turns.
 5. overload: 150 clients that relocalise at a time. What is too much must be refused with 503 and Retry-After, fetches must go
    on, memory must stay bounded, and afterwards the server must be as before.
@@ -59,10 +59,8 @@ class World:
 
     def __init__(self, options, folder, server=None):
         self.options, self.folder = options, folder
-        drive = folder / "data" / "drive"
-        drive.parent.mkdir()
-        subprocess.run([options.cellmap, "simulate", "--route", "town", "--scans", "120", "--columns", "500", "--out", str(drive), "--json"],
-                       check=True, stdout=subprocess.DEVNULL)
+        (folder / "data").mkdir()
+        drive = self.simulate("drive", scans=120, columns=500)
         self.server = server or Server(options.cellmapd, folder / "store.db", folder / "data")
         self.server.start()
         self.api = self.server.api
@@ -74,8 +72,14 @@ class World:
         self.upload = list(self.save("up").values())[:8]
         self.scan = sorted(drive.rglob("*.bin"))[60]
 
-    def ingest(self, name, session):
-        job = self.api.send("POST", f"/v1/maps/{name}/jobs", {"kind": "ingest", "path": "drive", "session": session, "create_map": True})
+    def simulate(self, name, scans, columns):
+        drive = self.folder / "data" / name
+        subprocess.run([self.options.cellmap, "simulate", "--route", "town", "--scans", str(scans), "--columns", str(columns),
+                        "--out", str(drive), "--json"], check=True, stdout=subprocess.DEVNULL)
+        return drive
+
+    def ingest(self, name, session, path="drive"):
+        job = self.api.send("POST", f"/v1/maps/{name}/jobs", {"kind": "ingest", "path": path, "session": session, "create_map": True})
         while job["state"] in ("queued", "running"):
             time.sleep(0.1)
             job = self.api.get(f"/v1/jobs/{job['id']}")
@@ -166,26 +170,49 @@ def median(values):
     return sorted(values)[len(values) // 2]
 
 
-def beside_nginx(world, seconds):
-    """In turns, so that what else the machine does hits both. The bytes are those that the store keeps and clients ask for
-    (zstd), of the smallest CELL; what decompressing for others costs is no part of it."""
-    _, cell = min((Path(path).stat().st_size, cell) for cell, (_, path) in world.cells.items())
-    url = f"{world.url}/v1/maps/town/cells/{cell}"
+def stored_bytes(world, name, cell):
+    """As the store keeps them and clients ask for them (zstd); what decompressing for others costs is no part of it."""
+    url = f"{world.url}/v1/maps/{name}/cells/{cell}"
     with urllib.request.urlopen(urllib.request.Request(url, headers={"Accept": CELL, "Accept-Encoding": "zstd"})) as answer:
-        data = answer.read()
-    file, size = world.folder / "cell.zst", len(data)
+        return answer.read()
+
+
+def beside_nginx(world, seconds):
+    """In turns, so that what else the machine does hits both."""
+    world.simulate("thin", scans=40, columns=120)  # CELLs of 30 KB
+    world.ingest("thin", "thin", "thin")
+    thin = {cell["id"]: stored_bytes(world, "thin", cell["id"]) for cell in world.api.get("/v1/maps/thin/cells")["cells"]}
+    typical = min(thin, key=lambda cell: abs(len(thin[cell]) - 30_000))
+    _, large = min((Path(path).stat().st_size, cell) for cell, (_, path) in world.cells.items())
+    return (beside_nginx_with(world, seconds, "thin", typical, (0.9, 0.75, 0.7)) +
+            beside_nginx_with(world, seconds, "town", large, (None, None, None)))
+
+
+def beside_nginx_with(world, seconds, name, cell, least):
+    url, data = f"{world.url}/v1/maps/{name}/cells/{cell}", stored_bytes(world, name, cell)
+    folder = world.folder / name
+    folder.mkdir()
+    os.chmod(world.folder, 0o755)
+    file, size = folder / "cell.zst", len(data)
     file.write_bytes(data)
-    process, nginx_url = start_nginx(world.folder, file)
+    process, nginx_url = start_nginx(folder, file)
     rows = []
     try:
         note(f"\nbeside nginx, a CELL of {size} bytes")
-        for connections, must in ((1, 0.9), (16, 0.75), (256, 0.7)):
-            turns = [(wrk(nginx_url, connections, seconds, "zstd"), wrk(url, connections, seconds, "zstd")) for _ in range(3)]
+        for connections, must in zip((1, 16, 256), least):
+            turns = []
+            for _ in range(5):
+                before = processor_s(world.server.process.pid)
+                turns.append((wrk(nginx_url, connections, seconds, "zstd"), wrk(url, connections, seconds, "zstd")))
+                spent_s = processor_s(world.server.process.pid) - before
+                turns[-1][1]["processor_us"] = spent_s * 1e6 / max(1, turns[-1][1]["requests_per_s"] * seconds)
             theirs, ours = (median([turn[i]["requests_per_s"] for turn in turns]) for i in (0, 1))
             ratio = median([b["requests_per_s"] / a["requests_per_s"] for a, b in turns])
-            rows.append({"connections": connections, "nginx_per_s": theirs, "cellmapd_per_s": ours, "ratio": round(ratio, 3), "must": must,
-                         "errors": sum(turn[1]["errors"] for turn in turns)})
-            note(f"  {connections:3} connections: nginx {theirs:9.0f}/s, cellmapd {ours:9.0f}/s, ratio {ratio:.2f} (must {must})")
+            processor_us = median([b["processor_us"] for _, b in turns])
+            rows.append({"bytes": size, "connections": connections, "nginx_per_s": theirs, "cellmapd_per_s": ours, "ratio": round(ratio, 3),
+                         "must": must, "processor_us": round(processor_us, 1), "errors": sum(turn[1]["errors"] for turn in turns)})
+            note(f"  {connections:3} connections: nginx {theirs:9.0f}/s, cellmapd {ours:9.0f}/s, ratio {ratio:.2f}"
+                 f"{f' (must {must})' if must else ''}, {processor_us:.1f} us of processor a request")
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait()

@@ -4,6 +4,8 @@ does and what must hold:
 
 server-killed   three servers behind HAProxy, then nginx: one is killed, one drained; no request fails
 failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
+worker-killed   a worker is killed in mid-job: another one ends it, with the same bytes
+two-workers     two drives by two workers against one: faster, and the same bytes
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
@@ -18,6 +20,7 @@ import json
 import os
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 
 sys.dont_write_bytecode = True
@@ -28,6 +31,8 @@ from support import missing, note  # noqa: E402
 ROWS = {
     "server-killed": ("postgres", "haproxy", "nginx"),
     "failover": ("postgres",),
+    "worker-killed": ("postgres",),
+    "two-workers": ("postgres", "taskset"),
     "slow-database": ("postgres",),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),
@@ -46,6 +51,16 @@ def lacks(needs, short):
         yield f"{program} (./install-dependencies.sh --with-proxies)"
     if "root" in needs and os.geteuid() != 0:
         yield "root"
+
+
+def tried_row(row, options):
+    """What came of it; a row that breaks off is wrong, and the others are tried."""
+    with tempfile.TemporaryDirectory(prefix="cellmap-scale-") as folder:
+        try:
+            return importlib.import_module("rows." + row.replace("-", "_")).run(options, Path(folder))
+        except Exception as failed:  # whatever a row may raise
+            traceback.print_exc()
+            return {"wrong": [f"it broke off: {failed!r}"]}
 
 
 def main():
@@ -67,9 +82,8 @@ def main():
         if lacking:
             note(f"NOT TRIED: {row}; it takes {', '.join(lacking)}")
             continue
-        with tempfile.TemporaryDirectory(prefix="cellmap-scale-") as folder:
-            result[row] = importlib.import_module("rows." + row.replace("-", "_")).run(options, Path(folder))
-        wrong += [f"{row}: {line}" for line in result[row].get("wrong", [])]
+        result[row] = tried_row(row, options)
+        wrong += [f"{row}: {line}" for line in result[row]["wrong"]]
     result["load_after"] = os.getloadavg()
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n")

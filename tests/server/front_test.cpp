@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -81,6 +82,54 @@ TEST(Front, AnAnswerWaitsForNoAcknowledgement) {
   std::thread thread([&] { front.run(); });
   ask(port, "/");
   EXPECT_EQ(no_delay, 1);
+  front.stop();
+  thread.join();
+}
+
+TEST(Front, WhatComesWhileAllQuickWorkersAreAtWorkWaitsOrIsRefusedAndTheOthersGoOn) {
+  std::vector<Listener> listeners;
+  listeners.emplace_back("127.0.0.1:0");
+  const int port = listeners.front().port();
+  FrontOptions options;
+  options.quick_workers = 2;
+  options.max_waiting = 3;
+  std::atomic<int> at_work = 0;
+  std::atomic<bool> released = false;
+  Front front(std::move(listeners), options,
+              {[](const RequestHead& head) { return head.target == "/patient"; },
+               [&](Connection& connection, const RequestHead& head) {
+                 const bool is_slow = head.target == "/slow";
+                 at_work += is_slow;
+                 while (is_slow && !released) std::this_thread::yield();
+                 connection.write(is_slow ? "slow" : "whole");
+                 return false;
+               },
+               [](const std::exception&) {}});
+  std::thread thread([&] { front.run(); });
+  std::vector<std::thread> clients;
+  std::atomic<int> slow = 0, answered = 0, refused = 0;
+  for (int i = 0; i < 2; ++i) {
+    clients.emplace_back([&] { slow += ask(port, "/slow") == "slow"; });
+  }
+  while (at_work < 2) std::this_thread::yield();
+  for (int i = 0; i < 10; ++i) {
+    clients.emplace_back([&] {
+      const std::string answer = ask(port, "/");
+      answered += answer == "whole";
+      const bool is_told = answer.find("\r\nRetry-After: ") != std::string::npos;
+      refused += is_told && answer.starts_with("HTTP/1.1 503");
+    });
+  }
+  EXPECT_EQ(ask(port, "/patient"), "whole");
+  // While the others wait.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(10);
+  while (refused < 7 && std::chrono::steady_clock::now() < deadline) std::this_thread::yield();
+  EXPECT_EQ(answered, 0);
+  released = true;
+  for (std::thread& client : clients) client.join();
+  EXPECT_EQ(slow, 2);
+  EXPECT_EQ(answered, 3);
+  EXPECT_EQ(refused, 7);
   front.stop();
   thread.join();
 }

@@ -31,6 +31,19 @@ TEST(RequestHead, SaysWhatFollows) {
   EXPECT_TRUE(read(with("Transfer-Encoding: Chunked\r\n")).head->chunked);
 }
 
+TEST(RequestHead, SaysWhetherTheConnectionIsKeptAndWhatTheFieldsAre) {
+  EXPECT_TRUE(read(with("")).head->keep);
+  EXPECT_FALSE(read(with("connection: TE, Close\r\n")).head->keep);
+  const std::string old = "GET / HTTP/1.0\r\n";
+  EXPECT_FALSE(read(old + "\r\n").head->keep);
+  EXPECT_TRUE(read(old + "Connection: Keep-Alive\r\n\r\n").head->keep);
+  EXPECT_FALSE(read(old + "Connection: keep-alive, close\r\n\r\n").head->keep);
+  const std::string bytes = with("X-A: \t1%41 \r\nX-A:\r\n");
+  using Field = std::pair<std::string_view, std::string_view>;
+  const std::vector<Field> fields{{"Host", "x"}, {"X-A", "1%41"}, {"X-A", ""}};
+  EXPECT_EQ(read(bytes).head->fields, fields);
+}
+
 TEST(RequestHead, AnUnfinishedHeadIsWaitedFor) {
   const std::string whole = with("X: y\r\n");
   for (std::size_t size = 0; size < whole.size(); ++size) {

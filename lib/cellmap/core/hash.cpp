@@ -29,11 +29,10 @@ ContentHash sha256_of_pieces(std::initializer_list<std::span<const std::byte>> p
 
 std::string to_hex(const ContentHash& hash) {
   constexpr char kDigits[] = "0123456789abcdef";
-  std::string hex;
-  hex.reserve(2 * hash.bytes.size());
-  for (const std::uint8_t byte : hash.bytes) {
-    hex += kDigits[byte >> 4];
-    hex += kDigits[byte & 15];
+  std::string hex(2 * hash.bytes.size(), '0');
+  for (std::size_t i = 0; i < hash.bytes.size(); ++i) {
+    hex[2 * i] = kDigits[hash.bytes[i] >> 4];
+    hex[2 * i + 1] = kDigits[hash.bytes[i] & 15];
   }
   return hex;
 }

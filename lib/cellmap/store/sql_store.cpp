@@ -22,6 +22,12 @@ Stamp now() {
       .count();
 }
 
+std::uint64_t this_minute() {
+  const auto since_start = std::chrono::steady_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(
+      std::chrono::duration_cast<std::chrono::minutes>(since_start).count());
+}
+
 Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
   return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
 }
@@ -52,6 +58,7 @@ SqlStore::Database::Database(SqlEngine engine, const Store& store)
       claimer(std::move(engine.claimer)),
       readers(std::move(engine.open_reader), engine.max_readers),
       cache(engine.cache_bytes),
+      is_only_writer(engine.is_only_writer),
       commits([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {}
 
 SqlStore::SqlStore(SqlEngine engine) {
@@ -196,6 +203,35 @@ CellRecord SqlStore::cell(const std::string& map, CellId id) const {
   });
 }
 
+std::shared_ptr<const KnownCell> SqlStore::known_cell(const std::string& map, CellId id) const {
+  const auto state = database_->is_only_writer ? database_->known.state() : std::nullopt;
+  return state ? database_->known.find(*state, map, id) : nullptr;
+}
+
+CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
+  if (const auto known = known_cell(map, id)) return {known->revision, known->record};
+  const auto state = database_->known.state();  // before it is read
+  const auto cell = database_->readers.read([&](SqlConnection& c) {
+    const MapRow row = read_map_row(c, map);
+    const auto record = find_cell(c, row.key, id);
+    const auto kept = find_kept(c, row.key, id);
+    if (!record || !kept) throw no_cell(map, id);
+    return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
+  });
+  if (database_->is_only_writer && state) database_->known.insert(*state, map, cell);
+  if (!database_->is_only_writer) database_->remembered.insert(this_minute(), map, cell);
+  return {cell->revision, cell->record};
+}
+
+std::optional<RememberedCell> SqlStore::remembered_cell(const std::string& map, CellId id,
+                                                        const std::string& hash) const {
+  const auto cell = database_->remembered.find(this_minute(), map, id);
+  if (!cell || to_hex(cell->record.hash) != hash) return std::nullopt;
+  StoredCell stored{cell->kept.hash, cell->kept.form, database_->cache.find(cell->kept.content)};
+  if (!stored.frame) return std::nullopt;
+  return RememberedCell{{cell->revision, cell->record}, std::move(stored)};
+}
+
 std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,
                                           std::size_t count) const {
   validate_position(position);
@@ -208,6 +244,10 @@ std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::V
 }
 
 StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
+  if (const auto known = known_cell(map, id)) {
+    StoredCell cell{known->kept.hash, known->kept.form, database_->cache.find(known->kept.content)};
+    if (cell.frame) return cell;
+  }
   return database_->readers.read([&](SqlConnection& c) {
     const auto kept = find_kept(c, read_map_row(c, map).key, id);
     if (!kept) throw no_cell(map, id);
@@ -359,6 +399,7 @@ void SqlStore::Database::roll_back(SqlConnection& connection) noexcept {
 /// One transaction for all, one savepoint for each: a write that fails takes back only its own.
 void SqlStore::Database::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
   SqlConnection& connection = *writer;
+  const KnownCells::Change change(known);
   try {
     connection.begin_write();
     for (GroupCommit::Write* const write : batch) {

@@ -10,8 +10,10 @@
 
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/claims.hpp"
+#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
+#include "cellmap/store/known_cells.hpp"
 #include "cellmap/store/sql_pool.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/staging.hpp"
@@ -32,11 +34,17 @@ struct SqlEngine {
   /// Staged maps of this age were left by a crash; nullopt: all were, since nobody else writes, and
   /// what was claimed was claimed by processes that are gone.
   std::optional<std::chrono::hours> staging_limit;
+  /// Nobody writes but through this store, for as long as it is open.
+  bool is_only_writer = false;
 };
 
 /// A store in an SQL database whose schema is this build's. Engines differ in how they connect and
 /// in what they can do besides.
-class SqlStore : public Store, public Documents, public Staging, public Claims {
+class SqlStore : public Store,
+                 public Documents,
+                 public Staging,
+                 public Claims,
+                 public CurrentCells {
  public:
   explicit SqlStore(SqlEngine engine);
 
@@ -62,6 +70,9 @@ class SqlStore : public Store, public Documents, public Staging, public Claims {
   std::vector<SessionInfo> sessions(const std::string& map) const override;
   CellPage cells(const std::string& map, const CellQuery& query) const override;
   CellRecord cell(const std::string& map, CellId id) const override;
+  CurrentCell current_cell(const std::string& map, CellId id) const override;
+  std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
+                                                const std::string& hash) const override;
   std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                   std::size_t count) const override;
   StoredCell stored_cell(const std::string& map, CellId id) const override;
@@ -108,9 +119,14 @@ class SqlStore : public Store, public Documents, public Staging, public Claims {
     const std::unique_ptr<SqlConnection> claimer;  ///< under `claiming`
     SqlPool readers;
     BlobCache cache;
+    const bool is_only_writer;
+    KnownCells known;
+    KnownCells remembered;  ///< its states are minutes: what others change is not known
     MapSummaries summaries;
     GroupCommit commits;
   };
+  /// Null where it has to be read.
+  std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
   SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);
   /// As `change_tables`, for changes of rows that they lock themselves.
   void change_rows(const std::function<void(SqlConnection&)>& change) const;

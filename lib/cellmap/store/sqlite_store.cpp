@@ -98,6 +98,7 @@ std::unique_ptr<Store> open_sqlite_store(const std::filesystem::path& file,
   } else {
     engine.held = std::make_shared<const WriterLock>(path);
     engine.writer = open_writer(path, options);
+    engine.is_only_writer = true;  // as the lock sees to
   }
   return std::make_unique<SqliteStore>(path, std::move(engine));
 }

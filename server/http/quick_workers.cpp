@@ -1,0 +1,78 @@
+#include "server/http/quick_workers.hpp"
+
+#include <array>
+#include <utility>
+
+namespace cellmap::server {
+
+QuickWorkers::QuickWorkers(std::size_t threads, std::size_t max_waiting, OnReady on_ready)
+    : thread_count_(threads), max_waiting_(max_waiting), on_ready_(std::move(on_ready)) {
+  poll_.watch(waiting_bell_.descriptor());
+  poll_.watch(end_bell_.descriptor());
+}
+
+void QuickWorkers::start() {
+  for (std::size_t i = 0; i < thread_count_; ++i) threads_.emplace_back([this] { work(); });
+}
+
+bool QuickWorkers::put(Work work) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (waiting_.size() >= max_waiting_) return false;
+    waiting_.push_back(std::move(work));
+  }
+  waiting_bell_.ring();
+  return true;
+}
+
+bool QuickWorkers::work_from_queue() {
+  Work work;
+  {
+    const std::lock_guard lock(mutex_);
+    if (waiting_.empty()) return false;
+    work = std::move(waiting_.front());
+    waiting_.pop_front();
+  }
+  work();
+  return true;
+}
+
+std::vector<int> QuickWorkers::take_ready() const {
+  std::vector<int> sockets;
+  std::array<epoll_event, 128> events;
+  for (std::size_t before = 0;; before = sockets.size()) {
+    for (const epoll_event& event : poll_.wait(events, std::chrono::milliseconds(0))) {
+      const int socket = event.data.fd;
+      const bool is_bell = socket == waiting_bell_.descriptor() || socket == end_bell_.descriptor();
+      if (!is_bell) sockets.push_back(socket);
+    }
+    if (sockets.size() == before) return sockets;
+  }
+}
+
+void QuickWorkers::finish() {
+  end_bell_.ring();  // and nobody hears it, so that all wake
+  for (std::thread& thread : threads_) thread.join();
+  threads_.clear();
+}
+
+void QuickWorkers::work() {
+  std::array<epoll_event, 1> event;  // one: what waits behind it may be taken by another thread
+  for (;;) {
+    ++idle_;
+    const auto ready = poll_.wait(event, std::chrono::milliseconds(-1));
+    --idle_;
+    if (ready.empty()) continue;
+    const int socket = ready.front().data.fd;
+    if (socket == end_bell_.descriptor()) break;
+    if (socket != waiting_bell_.descriptor()) {
+      on_ready_(socket);
+    } else if (waiting_bell_.hear()) {
+      work_from_queue();
+    }
+  }
+  while (work_from_queue()) {
+  }
+}
+
+}  // namespace cellmap::server
