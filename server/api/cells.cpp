@@ -173,12 +173,15 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
   const auto type = negotiate(call.header("Accept"), types);
   if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
   const auto& map = call.path("map");
-  const auto [revision, record] = current_cell(services.store, map, CellId{call.path_id("cell")});
+  const CellId id{call.path_id("cell")};
+  const auto asked = call.query("hash");
+  const auto remembered = asked ? remembered_cell(services.store, map, id, *asked) : std::nullopt;
+  const auto [revision, record] =
+      remembered ? remembered->cell : current_cell(services.store, map, id);
   const std::string hash = to_hex(record.hash);
   const CellTags tags(hash);
 
   // A CELL gets other content where its map is converted: for ever is only what a hash names.
-  const auto asked = call.query("hash");
   if (asked && *asked != hash) {
     throw Error(ErrorCode::kNotFound,
                 "The CELL has not the content 'hash' names (any more), but " + hash + ".");
@@ -198,7 +201,8 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
     response.status = 304;
     return response;
   }
-  const StoredCell stored = services.store.stored_cell(map, record.id);
+  const StoredCell stored =
+      remembered ? remembered->stored : services.store.stored_cell(map, record.id);
   // Converted between the two reads: what was said above is of another content.
   if (stored.hash != record.hash) return get(services, coded_cells, call);
   say_bound(response, stored.form);

@@ -20,6 +20,7 @@ import json
 import os
 import sys
 import tempfile
+import traceback
 from pathlib import Path
 
 sys.dont_write_bytecode = True
@@ -52,6 +53,16 @@ def lacks(needs, short):
         yield "root"
 
 
+def tried_row(row, options):
+    """What came of it; a row that breaks off is wrong, and the others are tried."""
+    with tempfile.TemporaryDirectory(prefix="cellmap-scale-") as folder:
+        try:
+            return importlib.import_module("rows." + row.replace("-", "_")).run(options, Path(folder))
+        except Exception as failed:  # whatever a row may raise
+            traceback.print_exc()
+            return {"wrong": [f"it broke off: {failed!r}"]}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rows", type=lambda text: text.split(","), help=f"some of {','.join(ROWS)}; default: all")
@@ -71,9 +82,8 @@ def main():
         if lacking:
             note(f"NOT TRIED: {row}; it takes {', '.join(lacking)}")
             continue
-        with tempfile.TemporaryDirectory(prefix="cellmap-scale-") as folder:
-            result[row] = importlib.import_module("rows." + row.replace("-", "_")).run(options, Path(folder))
-        wrong += [f"{row}: {line}" for line in result[row].get("wrong", [])]
+        result[row] = tried_row(row, options)
+        wrong += [f"{row}: {line}" for line in result[row]["wrong"]]
     result["load_after"] = os.getloadavg()
     if options.json:
         options.json.write_text(json.dumps(result, indent=2) + "\n")

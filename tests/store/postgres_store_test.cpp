@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/open_store.hpp"
 #include "cellmap/store/postgres_schema.hpp"
 #include "cellmap/store/sql_claims.hpp"
@@ -58,6 +59,26 @@ TEST_F(PostgresStoreTest, WhatOneServerCommitsAnotherSeesAtOnce) {
   EXPECT_EQ(*b->stored_cell("town", {1}).frame, *a->stored_cell("town", {1}).frame);
   b->commit("town", moving({{CellId{1}, pose_at(3, 0)}}));
   EXPECT_EQ(a->pose_graph("town").nodes.at({1}).translation().x(), 3);
+}
+
+TEST_F(PostgresStoreTest, WhatAHashNamesIsRememberedAndWhatItDoesNotNameIsRead) {
+  const auto store = open();
+  store->create_map("town", {});
+  const NewCell made = make_cell(1);
+  const std::string hash = to_hex(made.encoded.hash);
+  store->commit("town", adding({made}));
+  EXPECT_FALSE(remembered_cell(*store, "town", {1}, hash));
+  const StoredCell read = store->stored_cell("town", {1});
+  const CurrentCell current = current_cell(*store, "town", {1});
+  open()->commit("town", moving({{CellId{1}, pose_at(3, 0)}}));
+  const auto remembered = remembered_cell(*store, "town", {1}, hash);
+  if (!remembered) GTEST_SKIP() << "a minute ended between two lines of this test";
+  EXPECT_EQ(*remembered->stored.frame, *read.frame);
+  EXPECT_EQ(remembered->cell.revision, current.revision);
+  EXPECT_FALSE(remembered_cell(*store, "town", {1}, to_hex(make_cell(2).encoded.hash)));
+  EXPECT_FALSE(remembered_cell(*store, "town", {2}, hash));
+  EXPECT_FALSE(remembered_cell(*store, "other", {1}, hash));
+  EXPECT_EQ(current_cell(*store, "town", {1}).record.T_map_cell.translation().x(), 3);
 }
 
 TEST_F(PostgresStoreTest, ServersThatWriteAtTheSameTimeLoseNothingAndLeaveNoGap) {
@@ -153,6 +174,9 @@ TEST_F(PostgresStoreTest, AJobIsNotTakenOverInTheMiddleOfAWriteForIt) {
   writing.begin_write();
   require_claim(writing, claim_of(job));
   EXPECT_FALSE(claims_of(*b).claim_job({.worker = "b"})) << "its lease has ended, but it writes";
+  const auto kept = claims_of(*a).extend_claim(claim_of(job), kLong);  // does not wait
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(kept->lease_ends, job.holder.lease_ends);
   writing.execute("COMMIT");
   EXPECT_TRUE(claims_of(*b).claim_job({.worker = "b"}));
 }

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <map>
+#include <span>
 
 #include "cellmap/store/page_cursor.hpp"
 #include "cellmap/store/row_codec.hpp"
@@ -114,13 +117,37 @@ std::set<std::string> unaligned_sessions(SqlConnection& connection, std::int64_t
   return names;
 }
 
-CellRecord existing_cell(SqlConnection& connection, std::int64_t map, CellId id) {
-  std::optional<CellRecord> cell = find_cell(connection, map, id);
-  if (!cell) {
-    throw Error(ErrorCode::kCorruptData,
-                "store: an index names a CELL that is not there; restore the file from a backup");
+/// How many CELLs are asked for at once: the database may be far away.
+constexpr std::size_t kAtOnce = 64;
+
+std::string select_some_cells() {
+  std::string sql = select_cell("WHERE map = ? AND id IN (?");
+  for (std::size_t i = 1; i < kAtOnce; ++i) sql += ", ?";
+  return sql + ")";
+}
+
+/// At most `kAtOnce` CELLs that an index names, in the order of their keys.
+std::vector<CellRecord> existing_cells(SqlConnection& connection, std::int64_t map,
+                                       std::span<const PageCursor> keys) {
+  std::map<CellId, CellRecord> found;
+  Query rows(connection, select_some_cells(), map);
+  for (std::size_t i = 0; i < kAtOnce; ++i) {
+    rows.bind(i < keys.size() ? static_cast<std::int64_t>(keys[i].id.value) : -1);
   }
-  return *std::move(cell);
+  while (rows.next()) {
+    CellRecord cell = cell_from_row(rows);
+    found.emplace(cell.id, std::move(cell));
+  }
+  std::vector<CellRecord> cells;
+  for (const PageCursor& key : keys) {
+    const auto cell = found.find(key.id);
+    if (cell == found.end()) {
+      throw Error(ErrorCode::kCorruptData,
+                  "store: an index names a CELL that is not there; restore the file from a backup");
+    }
+    cells.push_back(std::move(cell->second));
+  }
+  return cells;
 }
 
 /// Up to limit + 1 CELLs behind the cursor: one more than the page tells that another follows.
@@ -128,16 +155,22 @@ std::vector<CellRecord> cells_by_place(SqlConnection& connection, std::int64_t m
                                        const CellQuery& query,
                                        const std::optional<PageCursor>& after) {
   const std::vector<PageCursor> keys = keys_of(connection, map, query);
-  auto key = after ? std::upper_bound(keys.begin(), keys.end(), *after) : keys.begin();
+  const auto first = after ? std::upper_bound(keys.begin(), keys.end(), *after) : keys.begin();
+  std::span<const PageCursor> left(first, keys.end());
   const std::set<std::string> unaligned = unaligned_sessions(connection, map);
+  const auto is_asked_for = [&](const CellRecord& cell) {
+    if (cell.moved <= query.since) return false;
+    return query.session ? cell.session == *query.session : !unaligned.contains(cell.session);
+  };
   std::vector<CellRecord> cells;
-  for (; key != keys.end() && cells.size() <= query.limit; ++key) {
-    CellRecord cell = existing_cell(connection, map, key->id);
-    if (cell.moved <= query.since) continue;
-    if (query.session && cell.session != *query.session) continue;
-    if (!query.session && unaligned.contains(cell.session)) continue;
-    cells.push_back(std::move(cell));
+  while (!left.empty() && cells.size() <= query.limit) {
+    const auto some = left.first(std::min({left.size(), kAtOnce, query.limit + 1}));
+    left = left.subspan(some.size());
+    for (CellRecord& cell : existing_cells(connection, map, some)) {
+      if (is_asked_for(cell)) cells.push_back(std::move(cell));
+    }
   }
+  cells.resize(std::min(cells.size(), query.limit + 1));
   return cells;
 }
 
@@ -250,7 +283,11 @@ std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& ma
   }
   keys.resize(std::min(keys.size(), count));
   std::vector<CellRecord> cells;
-  for (const PageCursor& key : keys) cells.push_back(existing_cell(connection, map.key, key.id));
+  for (std::span<const PageCursor> left = keys; !left.empty();) {
+    const auto some = left.first(std::min(left.size(), kAtOnce));
+    left = left.subspan(some.size());
+    std::ranges::move(existing_cells(connection, map.key, some), std::back_inserter(cells));
+  }
   return cells;
 }
 

@@ -22,6 +22,12 @@ Stamp now() {
       .count();
 }
 
+std::uint64_t this_minute() {
+  const auto since_start = std::chrono::steady_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(
+      std::chrono::duration_cast<std::chrono::minutes>(since_start).count());
+}
+
 Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded) {
   return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
 }
@@ -213,7 +219,17 @@ CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
     return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
   });
   if (database_->is_only_writer && state) database_->known.insert(*state, map, cell);
+  if (!database_->is_only_writer) database_->remembered.insert(this_minute(), map, cell);
   return {cell->revision, cell->record};
+}
+
+std::optional<RememberedCell> SqlStore::remembered_cell(const std::string& map, CellId id,
+                                                        const std::string& hash) const {
+  const auto cell = database_->remembered.find(this_minute(), map, id);
+  if (!cell || to_hex(cell->record.hash) != hash) return std::nullopt;
+  StoredCell stored{cell->kept.hash, cell->kept.form, database_->cache.find(cell->kept.content)};
+  if (!stored.frame) return std::nullopt;
+  return RememberedCell{{cell->revision, cell->record}, std::move(stored)};
 }
 
 std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,

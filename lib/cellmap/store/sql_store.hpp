@@ -71,6 +71,8 @@ class SqlStore : public Store,
   CellPage cells(const std::string& map, const CellQuery& query) const override;
   CellRecord cell(const std::string& map, CellId id) const override;
   CurrentCell current_cell(const std::string& map, CellId id) const override;
+  std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
+                                                const std::string& hash) const override;
   std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                   std::size_t count) const override;
   StoredCell stored_cell(const std::string& map, CellId id) const override;
@@ -119,6 +121,7 @@ class SqlStore : public Store,
     BlobCache cache;
     const bool is_only_writer;
     KnownCells known;
+    KnownCells remembered;  ///< its states are minutes: what others change is not known
     MapSummaries summaries;
     GroupCommit commits;
   };

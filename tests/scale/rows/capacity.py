@@ -1,12 +1,10 @@
 """What a map of a million synthetic CELLs costs on both engines: radius queries in the engine, by the SQL of the product; `changes`
-of a map of 10^5 CELLs after a loop that moved 100 of them, as a client receives it; memory of a server that reads such maps. And
-what it takes to find the place of a scan among 10^5 CELLs, which `cellmap evaluate relocalisation` invents."""
+of a map of 10^5 CELLs after a loop that moved 100 of them, as a client receives it; memory of a server that reads such maps. (To
+find the place of a scan among as many invented CELLs: `cellmap evaluate relocalisation --map-cells 100000`.)"""
 import http.client
-import json
 import random
 import re
 import sqlite3
-import subprocess
 import time
 from contextlib import closing
 
@@ -136,19 +134,6 @@ def served(options, store, folder, sizes):
     finally:
         server.kill()
     return row
-
-
-def relocalisation(options, cells):
-    """Among invented CELLs: milliseconds of processor time, and memory in all."""
-    command = [options.cellmap, "evaluate", "relocalisation", "--seed", "781", "--queries", "4", "--elsewhere", "4", "--threads", "1",
-               "--map-cells", str(cells), "--route", "town", "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
-        highest = 0.0
-        while process.poll() is None:
-            highest = max(highest, memory_mib(process.pid, "VmHWM") or 0)
-            time.sleep(0.2)
-        told = json.loads(process.stdout.read())
-    return {"cells": cells, "memory_mib": highest, "told": told}
 
 
 def compared(name, engine, row, sizes, radius_ms, must_ms):
