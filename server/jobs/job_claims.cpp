@@ -139,8 +139,8 @@ void JobQueue::send_heartbeats() {
     if (!holder) {
       lose(*job);
     } else {
+      if (holder->lease_ends > job->holder.lease_ends) job->extended = begun;
       job->holder = *holder;
-      job->extended = begun;
     }
   }
 }

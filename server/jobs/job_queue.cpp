@@ -9,6 +9,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/convert_cells.hpp"
 #include "server/jobs/convert.hpp"
+#include "server/jobs/ingest.hpp"
 #include "server/jobs/live_job.hpp"
 
 // What a JobQueue takes and tells.
@@ -47,6 +48,15 @@ std::string session_of(const JobRecord& record) {
     return parse_json(record.request_json).value("session", "");
   } catch (const Error&) {
     return "";
+  }
+}
+
+/// Another server may be asked for the same at the same time.
+void make_map(Store& store, const std::string& map, const IngestRequest& request) {
+  try {
+    store.create_map(map, request.lattice, request.form.value_or(CellForm{}));
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kAlreadyExists) throw;
   }
 }
 
@@ -130,7 +140,7 @@ JobView JobQueue::submit(const std::string& map, const Json& json) {
     store_.map(map);
   } catch (const Error& error) {
     if (error.code() != ErrorCode::kNotFound || !request.create_map) throw;
-    store_.create_map(map, request.lattice, request.form.value_or(CellForm{}));
+    make_map(store_, map, request);
   }
   Json kept = json;
   kept["session"] = request.session;
@@ -229,6 +239,12 @@ JobView JobQueue::view_of(const HeldJob& held) const {
   if (auto view = view_of_live(held.record.id)) return *std::move(view);
   JobView result = view(held.record);
   result.holder = held.holder;
+  if (result.next_scan) {
+    // Scans that are in no CELL yet are lost with the server that has them: whoever takes the job
+    // over asks for them again.
+    const auto resume = find_resume_point(store_, held.record.map, result.session);
+    result.next_scan = resume ? resume->cell->first_scan : 0;
+  }
   return result;
 }
 

@@ -27,7 +27,7 @@ Cell facing_cell(std::uint32_t sequence) {
   return cell;
 }
 
-std::string text_of(std::span<const std::byte> bytes) {
+std::string body_of(std::span<const std::byte> bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
@@ -43,7 +43,7 @@ TEST(CodedCellReader, AsksForTheFormAndVerifiesIt) {
   std::string accept;
   FakeServer server([&](const httplib::Request& request, httplib::Response& response) {
     accept = request.get_header_value("Accept");
-    response.set_content(text_of(coded.bytes), "application/vnd.cellmap.coded-cell");
+    response.set_content(body_of(coded.bytes), "application/vnd.cellmap.coded-cell");
   });
   CodedCellReader reader(test::options_for(server));
   const FetchedCodedCell fetched = reader.cell("town", CellId{1}, {CellEncoding::kCompact, 0.01});
@@ -58,7 +58,7 @@ TEST(CodedCellReader, ACoarseCellIsItsFirstBytes) {
   FakeServer server([&](const httplib::Request& request, httplib::Response& response) {
     EXPECT_NE(request.get_header_value("Accept").find(";layers=coarse"), std::string::npos);
     response.set_header("CELLmap-File-Bytes", std::to_string(coded.bytes.size()));
-    response.set_content(text_of(coded.bytes).substr(0, coarse_cell_bytes(coded.bytes)),
+    response.set_content(body_of(coded.bytes).substr(0, coarse_cell_bytes(coded.bytes)),
                          "application/vnd.cellmap.coded-cell");
   });
   CodedCellReader reader(test::options_for(server));
@@ -70,7 +70,7 @@ TEST(CodedCellReader, ACoarseCellIsItsFirstBytes) {
 
 TEST(CodedCellReader, AWiderBoundThanAskedForAndDamageAreRefused) {
   const EncodedCell coded = encode_compact_cell(facing_cell(1), 0.05);
-  std::string body = text_of(coded.bytes);
+  std::string body = body_of(coded.bytes);
   FakeServer server([&](const httplib::Request&, httplib::Response& response) {
     response.set_content(body, "application/vnd.cellmap.coded-cell");
   });
@@ -93,7 +93,7 @@ TEST(CodedCellReader, ManyComeInBatchesAndMustBeThoseOfTheList) {
     Bytes batch;  // one at a time, as a server that cuts its answers
     const std::uint32_t id = request.body.find('1') != std::string::npos ? 1 : 2;
     append_to_batch(batch, CellId{id}, encode_packed_cell(cells[id - 1]).bytes);
-    response.set_content(text_of(batch), "application/vnd.cellmap.coded-cells");
+    response.set_content(body_of(batch), "application/vnd.cellmap.coded-cells");
   });
   CodedCellReader reader(test::options_for(server));
   std::vector<CellRecord> records{record_of(1, cells[0]), record_of(2, cells[1])};

@@ -6,7 +6,6 @@ namespace cellmap::server::test {
 namespace {
 
 constexpr const char* kCells = "/v1/maps/town/cells";
-constexpr const char* kCell1 = "/v1/maps/town/cells/1";
 
 class ApiCells : public ApiTest {
  protected:

@@ -6,8 +6,6 @@
 namespace cellmap::server::test {
 namespace {
 
-constexpr const char* kCell1 = "/v1/maps/town/cells/1";
-constexpr const char* kCoded = "application/vnd.cellmap.coded-cell";
 constexpr const char* kCompact20mm =
     "application/vnd.cellmap.coded-cell;encoding=compact;bound=0.02";
 

@@ -8,11 +8,11 @@
 namespace cellmap::server::test {
 namespace {
 
-constexpr std::size_t kScans = 24;
+constexpr std::size_t kDriveScans = 24;
 
 class ApiFleet : public ApiTest {
  protected:
-  ApiFleet() { write_drive(folder_.path() / "data" / "drive", kScans); }
+  ApiFleet() { write_drive(folder_.path() / "data" / "drive", kDriveScans); }
 
   enum class Role { kAll, kApi, kWorker };
   std::unique_ptr<Api> server(Role role) {
@@ -56,7 +56,7 @@ TEST_F(ApiFleet, AJobThatOneServerTakesAnotherCarriesOutAndAnyTellsOf) {
   const auto worker = server(Role::kWorker);
   const Json ended = ended_job(made);
   EXPECT_EQ(ended["state"], "succeeded") << ended.dump();
-  EXPECT_EQ(ended["scans_done"], kScans);
+  EXPECT_EQ(ended["scans_done"], kDriveScans);
   EXPECT_TRUE(ended["worker"].is_null());
   EXPECT_EQ(json_of(get("/v1/maps/town"))["cells"], 4);
 }
@@ -90,7 +90,8 @@ TEST_F(ApiFleet, AServerThatCarriesOutNoJobsTakesNoScans) {
 }
 
 TEST_F(ApiFleet, AWorkerAnswersOnlyHowItIs) {
-  api_ = server(Role::kWorker);
+  const auto worker = server(Role::kWorker);
+  const auto get = [&](const char* path) { return worker->handle({"GET", path, {}, {}, "test"}); };
   for (const char* path : {"/healthz", "/readyz", "/metrics"}) EXPECT_EQ(get(path).status, 200);
   for (const char* path : {"/v1/maps", "/v1/jobs/1", "/openapi.yaml", "/", "/nowhere"}) {
     const auto detail = expect_problem(get(path), 503, "unavailable");
@@ -149,6 +150,33 @@ TEST_F(ApiFleet, AServerThatStopsHandsItsJobsBack) {
   const auto held = claims_of(*store_).claim_job({.worker = "next"});
   ASSERT_TRUE(held);
   EXPECT_EQ(held->holder.claim, 2u);
+}
+
+TEST_F(ApiFleet, ADriveIsNotEndedBeforeScansThatWereLostWithAServerCameAgain) {
+  api_ = server(Role::kAll);
+  const Json made = submitted("town", R"("session":"drive","upload":true)");
+  const std::string one = "/v1/jobs/" + made["id"].dump();
+  const JobId id{made["id"].get<std::uint32_t>()};
+  for (std::size_t i = 0; i < 18;) {
+    const auto put =
+        send("PUT", one + "/scans/" + std::to_string(i), to_text(encode_scan(street_scan(i))),
+             {{"Content-Type", "application/vnd.cellmap.scan"}});
+    i += put.status == 204;
+    ASSERT_TRUE(put.status == 204 || put.status == 503) << body_view(put);
+  }
+  while (store_->job(id).cells_done < 2) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  api_.reset();
+  only_take_jobs();
+  const JobRecord record = store_->job(id);
+  const std::size_t base_scan = 7;  // of the last CELL
+  ASSERT_GT(record.scans_done, base_scan);
+  EXPECT_EQ(job(made)["next_scan"], base_scan);
+  const auto early = send("POST", one + "/complete?scans=" + std::to_string(record.scans_done));
+  expect_problem(early, 409, "conflict");
+  EXPECT_EQ(json_of(early)["next_scan"], base_scan);
+  EXPECT_FALSE(is_final(store_->job(id).state));
 }
 
 TEST_F(ApiFleet, DrivesOfOneMapThroughSeveralServersAreAllTiedToTheMapAsItStands) {

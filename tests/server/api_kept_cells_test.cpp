@@ -9,8 +9,6 @@
 namespace cellmap::server::test {
 namespace {
 
-constexpr const char* kCell1 = "/v1/maps/town/cells/1";
-constexpr const char* kCoded = "application/vnd.cellmap.coded-cell";
 const CellForm kCompact{KeptEncoding::kCompact, 20'000};
 
 class ApiKeptCells : public ApiTest {

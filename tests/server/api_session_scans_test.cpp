@@ -5,7 +5,7 @@
 namespace cellmap::server::test {
 namespace {
 
-constexpr const char* kScans = "/v1/maps/town/sessions/drive/scans";
+constexpr const char* kScansOfDrive = "/v1/maps/town/sessions/drive/scans";
 constexpr std::size_t kDrive = 24;  // a metre apart: CELLs begin at scans 0, 7, 14 and 21
 const Headed kOne{"Content-Type", "application/vnd.cellmap.scan"};
 const Headed kSeveral{"Content-Type", "application/vnd.cellmap.scans"};
@@ -19,22 +19,23 @@ class ApiSessionScans : public ApiTest {
     for (std::size_t i = begin; i < end; ++i) append_to_scan_batch(bytes, street_scan(i));
     return to_text(bytes);
   }
-  Response post_scans(std::size_t begin, std::size_t end, const std::string& target = kScans) {
+  Response post_scans(std::size_t begin, std::size_t end,
+                      const std::string& target = kScansOfDrive) {
     return send("POST", target, batch(begin, end), {kSeveral});
   }
   /// As a client should, `step` scans a request: on from where the answer says.
   void send_scans(std::size_t begin, std::size_t end, std::size_t step,
-                  const std::string& target = kScans) {
+                  const std::string& target = kScansOfDrive) {
     for (std::size_t next = begin; next < end;) {
       const auto answer = post_scans(next, std::min(next + step, end), target);
       ASSERT_THAT(answer.status, ::testing::AnyOf(202, 409, 503)) << body_view(answer);
       next = json_of(answer)["next_scan"];
     }
   }
-  Response complete(const std::string& target = kScans) {
+  Response complete(const std::string& target = kScansOfDrive) {
     return send("POST", target + ":complete");
   }
-  Json standing(const std::string& target = kScans) { return json_of(get(target)); }
+  Json standing(const std::string& target = kScansOfDrive) { return json_of(get(target)); }
   Json ended() { return ended_job(standing()["job"]); }
 
   /// Again, on the same store, with a server that soon takes a silent robot for one that rests.
@@ -82,7 +83,7 @@ class ApiSessionScans : public ApiTest {
 TEST_F(ApiSessionScans, ARobotThatSendsAsItDrivesMakesTheMapThatThePathMakes) {
   EXPECT_EQ(standing()["state"], "new");
   EXPECT_EQ(standing()["next_scan"], 0);
-  const auto first = send("POST", kScans, to_text(encode_scan(street_scan(0))), {kOne});
+  const auto first = send("POST", kScansOfDrive, to_text(encode_scan(street_scan(0))), {kOne});
   ASSERT_EQ(first.status, 202) << body_view(first);
   EXPECT_EQ(json_of(first)["taken"], 1);
   EXPECT_EQ(json_of(first)["state"], "mapping");
@@ -99,7 +100,8 @@ TEST_F(ApiSessionScans, ARobotThatSendsAsItDrivesMakesTheMapThatThePathMakes) {
 
 TEST_F(ApiSessionScans, ABodyMayBeCompressed) {
   const Bytes body = zstd_compress(as_bytes(batch(0, 3)), 1);
-  const auto answer = send("POST", kScans, to_text(body), {kSeveral, {"Content-Encoding", "zstd"}});
+  const auto answer =
+      send("POST", kScansOfDrive, to_text(body), {kSeveral, {"Content-Encoding", "zstd"}});
   EXPECT_EQ(json_of(answer)["taken"], 3) << body_view(answer);
 }
 
@@ -243,15 +245,15 @@ TEST_F(ApiSessionScans, ASessionOfADeletedMapIsNewInTheNextOfThatName) {
 }
 
 TEST_F(ApiSessionScans, WhatIsNotAsItShouldBeTakesNothing) {
-  expect_problem(send("POST", kScans, "junk", {kOne}), 422, "corrupt-data");
+  expect_problem(send("POST", kScansOfDrive, "junk", {kOne}), 422, "corrupt-data");
   std::string damaged = batch(0, 3);
   damaged.resize(damaged.size() - 1);
-  expect_problem(send("POST", kScans, damaged, {kSeveral}), 422, "corrupt-data");
-  expect_problem(send("POST", kScans, "", {kSeveral}), 422, "corrupt-data");
-  expect_problem(send("POST", kScans, "{}", {{"Content-Type", "application/json"}}), 415,
+  expect_problem(send("POST", kScansOfDrive, damaged, {kSeveral}), 422, "corrupt-data");
+  expect_problem(send("POST", kScansOfDrive, "", {kSeveral}), 422, "corrupt-data");
+  expect_problem(send("POST", kScansOfDrive, "{}", {{"Content-Type", "application/json"}}), 415,
                  "unsupported");
-  expect_problem(send("POST", kScans, std::string(kMaxScanBatchBytes + 1, 'x'), {kSeveral}), 413,
-                 "too-large");
+  expect_problem(send("POST", kScansOfDrive, std::string(kMaxScanBatchBytes + 1, 'x'), {kSeveral}),
+                 413, "too-large");
   const std::string odd = "/v1/maps/town/sessions/a%20b/scans";
   expect_problem(post_scans(0, 1, odd), 400, "invalid-argument");
   expect_problem(get(odd), 400, "invalid-argument");

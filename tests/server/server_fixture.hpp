@@ -22,6 +22,9 @@
 
 namespace cellmap::server::test {
 
+inline constexpr const char* kCell1 = "/v1/maps/town/cells/1";
+inline constexpr const char* kCoded = "application/vnd.cellmap.coded-cell";
+
 using cellmap::test::level_pose;
 
 /// A drive along the analytic street in steps of a metre, thin enough for tests to take

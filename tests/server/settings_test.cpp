@@ -40,7 +40,7 @@ class SettingsTest : public ::testing::Test {
     return err_.str();
   }
 
-  test::TempFolder folder_;
+  cellmap::test::TempFolder folder_;
   std::ostringstream out_, err_;
 };
 

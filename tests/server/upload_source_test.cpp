@@ -43,7 +43,7 @@ TEST(UploadSource, AnInterruptedReaderStopsWaiting) {
   UploadSource source(0, 0, {}, small_queue());
   auto read = std::async(std::launch::async, [&] { return source.next(); });
   source.interrupt();
-  test::expect_error(ErrorCode::kCancelled, [&] { read.get(); });
+  cellmap::test::expect_error(ErrorCode::kCancelled, [&] { read.get(); });
 }
 
 TEST(UploadSource, AScanThatFindsNoRoomInTimeIsRefused) {
@@ -79,7 +79,7 @@ TEST(UploadSource, AStopEndsTheWait) {
   auto third = std::async(std::launch::async, [&] { return source.put(scan_of(2)); });
   stop.request_stop();
   EXPECT_EQ(third.get(), Put::kFull);
-  test::expect_error(ErrorCode::kCancelled, [&] { source.next(); });
+  cellmap::test::expect_error(ErrorCode::kCancelled, [&] { source.next(); });
 }
 
 TEST(UploadSource, CompletionEndsTheWait) {

@@ -174,6 +174,9 @@ TEST_F(PostgresStoreTest, AJobIsNotTakenOverInTheMiddleOfAWriteForIt) {
   writing.begin_write();
   require_claim(writing, claim_of(job));
   EXPECT_FALSE(claims_of(*b).claim_job({.worker = "b"})) << "its lease has ended, but it writes";
+  const auto kept = claims_of(*a).extend_claim(claim_of(job), kLong);  // does not wait
+  ASSERT_TRUE(kept);
+  EXPECT_EQ(kept->lease_ends, job.holder.lease_ends);
   writing.execute("COMMIT");
   EXPECT_TRUE(claims_of(*b).claim_job({.worker = "b"}));
 }

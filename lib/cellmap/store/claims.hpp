@@ -67,7 +67,7 @@ class Claims {
   /// nullopt where there is none. Of several workers that ask at the same time one gets it.
   virtual std::optional<HeldJob> claim_job(const ClaimWish& wish) = 0;
 
-  /// A heartbeat: the claim is good for another lease from now on. nullopt where it is void.
+  /// A heartbeat: the claim is good for another lease, or while its job is written. nullopt: void.
   virtual std::optional<JobHolder> extend_claim(const JobClaim& claim,
                                                 std::chrono::milliseconds lease) = 0;
 

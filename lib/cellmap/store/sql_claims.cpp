@@ -33,6 +33,15 @@ JobHolder holder_from_row(const Query& row, int column) {
           row.integer(column + 3) != 0};
 }
 
+std::optional<JobHolder> valid_holder(SqlConnection& connection, const JobClaim& claim) {
+  Query row(connection,
+            std::string("SELECT worker, claim, lease_ends, cancel_asked FROM job WHERE id = ? AND "
+                        "claim = ? AND worker <> '' AND ") +
+                kUnfinished,
+            claim.job.value, claim.number);
+  return row.next() ? std::optional(holder_from_row(row, 0)) : std::nullopt;
+}
+
 HeldJob read_held_job(SqlConnection& connection, JobId id) {
   Query row(connection, "SELECT worker, claim, lease_ends, cancel_asked FROM job WHERE id = ?",
             id.value);
@@ -77,6 +86,13 @@ std::optional<HeldJob> claim_one_job(SqlConnection& connection, const ClaimWish&
 
 std::optional<JobHolder> extend_claim(SqlConnection& connection, const JobClaim& claim,
                                       std::chrono::milliseconds lease) {
+  {
+    // Who writes for the job has its row: then nobody can take it over, and no other job's
+    // heartbeat has to wait.
+    Query row(connection, "SELECT id FROM job WHERE id = ?" + connection.lock_free_rows(),
+              claim.job.value);
+    if (!row.next()) return valid_holder(connection, claim);
+  }
   Query row(connection,
             "UPDATE job SET lease_ends = " + connection.now_ns() +
                 " + ? WHERE id = ? AND claim = ? AND worker <> '' AND " + kUnfinished +

@@ -97,6 +97,7 @@ export interface Job {
   progress: number | null;
   scans_per_second: number;
   eta_s: number | null;
+  worker: string | null;
   error: { code: string; message: string } | null;
 }
 

@@ -82,6 +82,7 @@ class Job:
     eta_s: float | None
     next_scan: int | None  #: uploads: the scan that is expected next
     error: Mapping[str, str] | None  #: {"code": ..., "message": ...} of a failed one
+    worker: str | None = None  #: which process carries it out, of any server over the store
 
     @property
     def ended(self) -> bool:
