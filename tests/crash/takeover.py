@@ -21,7 +21,8 @@ from server import Refused, Server
 from writers import content, require_same
 
 LEASE_S = 1.5
-SCANS = 52
+SCANS = 120
+ATTEMPTS = 10  # a quick worker may end a job before anybody disturbs it
 
 
 class Database:
@@ -78,24 +79,30 @@ def process_of(state):
     return int(state["worker"].split(":")[-2])
 
 
-def disturbed(fleet, name, cells, disturb, expected):
-    """Ingests into a map while the worker that begins is disturbed; returns who began and who ended."""
-    job = fleet.ingest(name)
-    begun = fleet.job_at_work(job, cells)
-    assert begun, f"{name}: the job had ended before it was disturbed"
-    disturb(process_of(begun))
-    while True:
-        now = fleet.api.get(f"/v1/jobs/{job['id']}")
-        if now["worker"] not in (None, begun["worker"]) or now["state"] not in ("queued", "running"):
-            break
-        time.sleep(0.001)
-    wait_for(fleet.api, job)
-    require_same(content(fleet.api, name), expected, name)
-    info = fleet.api.get(f"/v1/maps/{name}")
-    revisions = info["revision"]
-    assert revisions == info["cells"], f"{name}: {revisions} revisions of {info['cells']} CELLs: something was written twice"
-    assert now["worker"] != begun["worker"], f"{name}: nobody took the job over from {begun['worker']}"
-    print(f"{name}: {begun['worker']} at {begun['cells_done']} CELLs of {info['cells']}, then {now['worker']}", flush=True)
+def disturbed(fleet, name, cells, disturb, restore, expected):
+    """Ingests into a map while the worker that begins is disturbed, so that another one has to end it. Returns the map's name."""
+    for attempt in range(ATTEMPTS):
+        place = f"{name}-{attempt}"
+        job = fleet.ingest(place)
+        begun = fleet.job_at_work(job, cells)
+        if not begun:
+            continue
+        disturb(process_of(begun))
+        while True:
+            now = fleet.api.get(f"/v1/jobs/{job['id']}")
+            if now["worker"] not in (None, begun["worker"]) or now["state"] not in ("queued", "running"):
+                break
+            time.sleep(0.001)
+        wait_for(fleet.api, job)
+        require_same(content(fleet.api, place), expected, place)
+        info = fleet.api.get(f"/v1/maps/{place}")
+        revisions = info["revision"]
+        assert revisions == info["cells"], f"{place}: {revisions} revisions of {info['cells']} CELLs: something was written twice"
+        if now["worker"] != begun["worker"]:
+            print(f"{place}: {begun['worker']} at {begun['cells_done']} CELLs of {info['cells']}, then {now['worker']}", flush=True)
+            return place
+        restore(process_of(begun))
+    raise AssertionError(f"{name}: nobody took a job over, or each had ended before it was disturbed")
 
 
 def check_roles(fleet, worker):
@@ -128,33 +135,42 @@ def run(options, folder, database):
         second = fleet.new_worker("second", LEASE_S)
         workers = {worker.process.pid: worker for worker in (first, second)}
 
-        def kill(pid):
-            workers[pid].kill()
+        def start_again(pid):
+            worker = workers.pop(pid)
+            worker.start()
+            workers[worker.process.pid] = worker
 
         for cells in (1, 4):
-            disturbed(fleet, f"killed-at-{cells}", cells, kill, expected)
-            for worker in workers.values():
-                worker.start()
-            workers = {worker.process.pid: worker for worker in workers.values()}
+            killed = []
 
-        stopped = []
+            def kill(pid):
+                workers[pid].kill()
+                killed[:] = [pid]
+
+            disturbed(fleet, f"killed-at-{cells}", cells, kill, start_again, expected)
+            start_again(killed[0])
+
+        suspended = []
 
         def suspend(pid):
             os.kill(pid, signal.SIGSTOP)
-            stopped.append(pid)
+            suspended[:] = [pid]
 
-        disturbed(fleet, "suspended", 3, suspend, expected)
-        os.kill(stopped[0], signal.SIGCONT)  # it thinks that the job is still its own
-        workers[stopped[0]].start()  # returns when it answers
+        def wake(pid):
+            os.kill(pid, signal.SIGCONT)
+            workers[pid].start()  # returns when it answers
+
+        place = disturbed(fleet, "suspended", 3, suspend, wake, expected)
+        wake(suspended[0])  # it thinks that the job is still its own
         time.sleep(2 * LEASE_S)
-        require_same(content(fleet.api, "suspended"), expected, "suspended, after its first worker woke up")
-        assert workers[stopped[0]].process.poll() is None, "a worker that lost its job ended"
+        require_same(content(fleet.api, place), expected, "suspended, after its first worker woke up")
+        assert workers[suspended[0]].process.poll() is None, "a worker that lost its job ended"
 
         for worker in workers.values():
             worker.stop()
         patient = [fleet.new_worker(name, 3600) for name in ("third", "fourth")]
         workers = {worker.process.pid: worker for worker in patient}
-        disturbed(fleet, "handed-back", 2, lambda pid: workers[pid].stop(), expected)  # nobody waits for an hour
+        disturbed(fleet, "handed-back", 2, lambda pid: workers[pid].stop(), start_again, expected)  # nobody waits for an hour
         next(worker for worker in patient if worker.process.poll() is not None).start()
 
         job = fleet.ingest("cancelled")
