@@ -15,7 +15,7 @@ packages=(
 # `cellmap compare` need it, and Draco.
 [[ " $* " == *" --without-pcl "* ]] || packages+=(libpcl-dev libdraco-dev)
 # Debian starts these as soon as they are installed, so only who asks gets them; their tests are skipped without.
-[[ " $* " != *" --with-proxies "* ]] || packages+=(nginx-light haproxy openssl)
+[[ " $* " != *" --with-proxies "* ]] || packages+=(nginx-light haproxy openssl iproute2)
 # Only the fuzz targets need a second compiler (600 MB installed).
 [[ " $* " != *" --with-fuzzers "* ]] || packages+=(clang-14 libclang-rt-14-dev)
 

@@ -1,5 +1,6 @@
 """PostgreSQL servers that can be killed, followed by a standby, promoted, starved of disk. Each is reached by a socket in its
 folder, and where asked for by TCP too."""
+import atexit
 import os
 import shutil
 import signal
@@ -30,6 +31,7 @@ class Cluster:
         self.folder = Path(folder or tempfile.mkdtemp(prefix="cellmap-pg-"))  # short: a socket's path has at most 107 bytes
         if os.geteuid() == 0:
             shutil.chown(self.folder, "postgres", "postgres")
+        atexit.register(self.remove)  # also where a row is broken off
         self.data = self.folder / "data"
         self.settings = {"listen_addresses": "", "unix_socket_directories": str(self.folder), "max_connections": 200,
                          "fsync": "off", **settings}
@@ -96,7 +98,8 @@ class Cluster:
         self.call("pg_ctl", "--pgdata", self.data, "--mode", "immediate", "stop")
 
     def remove(self):
-        """Whatever state it is in."""
+        """Whatever state it is in, also twice."""
+        atexit.unregister(self.remove)
         try:
             self.stop()
         except RuntimeError:
