@@ -211,6 +211,14 @@ TEST_F(PostgresStoreTest, ATextThatIsNoUtf8IsRefusedAndNothingChanges) {
   EXPECT_NO_THROW(store->check_ready());
 }
 
+TEST_F(PostgresStoreTest, IsReadyWhileAnotherServerIsWriting) {
+  const auto store = open();
+  PostgresConnection other(address_);
+  other.begin_write();
+  EXPECT_NO_THROW(store->check_ready());
+  other.execute("ROLLBACK");
+}
+
 TEST(PostgresAddress, IsToldFromTheNameOfAFile) {
   EXPECT_EQ(store_file("maps.db"), "maps.db");
   EXPECT_EQ(store_file("sqlite:maps.db"), "maps.db");

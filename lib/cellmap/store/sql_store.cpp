@@ -309,7 +309,10 @@ std::vector<JobRecord> SqlStore::jobs(const std::optional<std::string>& map) con
 
 void SqlStore::check_ready() const {
   database_->readers.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
-  if (database_->writer) database_->commits.run([] {});
+  if (!database_->writer) return;
+  if (!database_->claimer) return database_->commits.run([] {});
+  // Not behind the lock of those who write: one that is cut off must not look like all servers.
+  change_rows([](SqlConnection& c) { c.execute("UPDATE job SET worker = worker WHERE id = 0"); });
 }
 
 void SqlStore::read_tables(const std::function<void(SqlConnection&)>& read) const {
