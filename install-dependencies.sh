@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
-# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers] [--with-postgresql]
+# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers] [--with-postgresql] [--with-clang-format]
 set -euo pipefail
 
 packages=(
@@ -21,6 +21,7 @@ packages=(
 
 # The engine of large fleets, for its tests; no database is made or started by installing it here.
 [[ " $* " != *" --with-postgresql "* ]] || packages+=(postgresql-15)
+[[ " $* " != *" --with-clang-format "* ]] || packages+=(clang-format)
 
 missing=()
 for package in "${packages[@]}"; do

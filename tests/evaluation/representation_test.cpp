@@ -156,10 +156,8 @@ TEST(Cells, OfEveryFormHaveTheSamePlanesAndPoses) {
 
 TEST(Cells, AreNamedByTheirForm) {
   std::set<std::string> names;
-  for (const CellForm& form : {CellForm{},
-                               CellForm{KeptEncoding::kPacked},
-                               compact_form(0.005),
-                               compact_form(0.02)}) {
+  for (const CellForm& form :
+       {CellForm{}, CellForm{KeptEncoding::kPacked}, compact_form(0.005), compact_form(0.02)}) {
     names.insert(cells(form, 6, {}, {}).name);
   }
   EXPECT_EQ(names.size(), 4u);

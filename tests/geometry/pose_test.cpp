@@ -1,8 +1,8 @@
 #include "cellmap/geometry/pose.hpp"
 
-#include <random>
-
 #include <gtest/gtest.h>
+
+#include <random>
 #include <unsupported/Eigen/MatrixFunctions>
 
 #include "cellmap/core/error.hpp"

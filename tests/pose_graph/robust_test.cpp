@@ -4,8 +4,8 @@
 #include <random>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/pose_graph/chains.hpp"
+#include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 
 namespace cellmap {

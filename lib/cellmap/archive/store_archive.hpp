@@ -25,9 +25,9 @@ void archive_map(const Store& store, const std::string& map, ByteFile& file,
 /// Makes the map `map` of what an archive holds; CELLs keep their ids, constraints are numbered
 /// anew. Every hash is verified. CELLs of a compact archive are kept in its bytes and the map
 /// in its form: what they decode to are CELLs of their own, with hashes of their own. Other CELLs
-/// are kept raw. The map appears when it is whole, in one transaction: where it fails, is stopped or
-/// killed, there is none. Throws Error{kAlreadyExists} where the name is taken. One CELL in memory
-/// at a time.
+/// are kept raw. The map appears when it is whole, in one transaction: where it fails, is stopped
+/// or killed, there is none. Throws Error{kAlreadyExists} where the name is taken. One CELL in
+/// memory at a time.
 MapInfo restore_map(ArchiveReader& archive, Store& store, const std::string& map,
                     const std::stop_token& stop = {}, const ProgressCallback& progress = {});
 

@@ -63,8 +63,8 @@ void BatchContext::set(const simd::PatchPredictions& predictions, const StepRule
     has_outliers[k] = predictions.neighbours[k] > predictions.agreeing[k];
     const PlaneContext plane(*this, k, rule);
     range_level[k] = static_cast<std::uint8_t>(plane.range_level_at(0));
-    slope_level[k] = static_cast<std::uint8_t>(
-        plane.slope_level_at(plane.slope_step(0, expected.range_m[k])));
+    slope_level[k] =
+        static_cast<std::uint8_t>(plane.slope_level_at(plane.slope_step(0, expected.range_m[k])));
   }
 }
 

@@ -101,8 +101,8 @@ struct CodedPlane {
 /// What the planes of a batch are coded with.
 struct BatchContext {
   simd::ExpectedPlanes expected;
-  std::array<std::uint8_t, simd::kMostPatches> agreeing;     ///< at most 5
-  std::array<std::uint8_t, simd::kMostPatches> row;          ///< by `agreeing`: 0 to 3
+  std::array<std::uint8_t, simd::kMostPatches> agreeing;  ///< at most 5
+  std::array<std::uint8_t, simd::kMostPatches> row;       ///< by `agreeing`: 0 to 3
   // By their spread, in nominal steps. Known before a plane's first number is, so that nothing
   // waits for them; that of the slopes is for a plane in the expected range.
   std::array<std::uint8_t, simd::kMostPatches> range_level, slope_level;

@@ -76,7 +76,7 @@ DecodedMap read_cells(const MapFiles& files, const CellForm& form,
   for (const MapFile& file : files) {
     if (&file == &*poses) continue;
     Cell cell = form.encoding == KeptEncoding::kRaw ? decode_cell(file.bytes)
-                                                  : decode_coded_cell(file.bytes).cell;
+                                                    : decode_coded_cell(file.bytes).cell;
     const Pose T_map_cell = graph.nodes.at(CellId{cell.sequence + 1});
     map.cells.push_back({std::make_shared<const RegistrationTarget>(
                              std::make_shared<const Cell>(std::move(cell)), lattice),

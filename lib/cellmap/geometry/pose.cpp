@@ -1,9 +1,8 @@
 #include "cellmap/geometry/pose.hpp"
 
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
-
-#include <Eigen/SVD>
 
 #include "cellmap/core/error.hpp"
 
@@ -28,8 +27,8 @@ Eigen::Matrix3d left_jacobian(const Eigen::Vector3d& phi) {
 
 Eigen::Quaterniond rotation_exp(const Eigen::Vector3d& phi) {
   const double half = 0.5 * phi.norm();
-  const double sinc_half = half > kSmallAngleRad ? std::sin(half) / (2.0 * half)
-                                                 : 0.5 - half * half / 12.0;
+  const double sinc_half =
+      half > kSmallAngleRad ? std::sin(half) / (2.0 * half) : 0.5 - half * half / 12.0;
   const Eigen::Vector3d v = sinc_half * phi;
   return Eigen::Quaterniond(std::cos(half), v.x(), v.y(), v.z()).normalized();
 }
@@ -90,9 +89,8 @@ Pose pose_from_xyz_qxyzw(std::span<const double, 7> values) {
   }
   const Eigen::Quaterniond q(values[6], values[3], values[4], values[5]);
   if (std::abs(q.norm() - 1.0) > 1e-3) {
-    throw Error(ErrorCode::kInvalidArgument,
-                "a pose's quaternion (qx qy qz qw) has the norm " + std::to_string(q.norm()) +
-                    ", not 1");
+    throw Error(ErrorCode::kInvalidArgument, "a pose's quaternion (qx qy qz qw) has the norm " +
+                                                 std::to_string(q.norm()) + ", not 1");
   }
   Pose T = Pose::Identity();
   T.linear() = q.normalized().toRotationMatrix();

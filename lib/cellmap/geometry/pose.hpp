@@ -1,10 +1,9 @@
 #pragma once
 
-#include <array>
-#include <span>
-
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
+#include <span>
 
 namespace cellmap {
 

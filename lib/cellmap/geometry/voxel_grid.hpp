@@ -9,9 +9,9 @@
 namespace cellmap {
 
 /// Counts the occupied voxels of a growing cloud, which is the size of the voxel-downsampled cloud
-/// that map sizes are compared with. Voxels are kept in blocks of 4 x 4 x 4, one bit each, in a hash
-/// table with open addressing: neighbours in a scan mostly share a block. Memory: 32 to 64 bytes an
-/// occupied block.
+/// that map sizes are compared with. Voxels are kept in blocks of 4 x 4 x 4, one bit each, in a
+/// hash table with open addressing: neighbours in a scan mostly share a block. Memory: 32 to 64
+/// bytes an occupied block.
 class VoxelCounter {
  public:
   /// `voxel_size_m` > 0.
