@@ -5,9 +5,11 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <optional>
+#include <thread>
 #include <vector>
 
 #include "cellmap/core/error.hpp"
@@ -31,6 +33,11 @@ constexpr int kSendBufferBytes = 256 << 10;
 /// Requests of one connection that a worker answers in a row before others get a turn.
 constexpr int kRequestsInARow = 16;
 
+std::size_t quick_workers(const FrontOptions& options) {
+  const std::size_t for_processors = std::max(4u, 2 * std::thread::hardware_concurrency());
+  return options.quick_workers > 0 ? options.quick_workers : for_processors;
+}
+
 Response overloaded() {
   Response response =
       problem(ErrorCode::kUnavailable, "The server has more requests than it can answer now.");
@@ -46,7 +53,7 @@ struct Front::Impl {
         options(std::move(options_in)),
         handlers(std::move(handlers_in)),
         clients([this](const Client& client) { watch(client); }),
-        quick(options.quick_workers, options.max_waiting,
+        quick(quick_workers(options), options.max_waiting,
               [this](int socket) { on_ready(socket, true); }),
         patient(options.patient_workers, options.max_waiting) {
     poll.watch(stop_bell.descriptor());

@@ -16,9 +16,11 @@ namespace cellmap::server {
 
 struct FrontOptions {
   std::size_t max_connections = 4096;  ///< held open; beyond them the longest idle one makes room
-  std::size_t quick_workers = 8;       ///< for answers that only take processor and disk
-  std::size_t patient_workers = 256;   ///< for those that wait: for bodies, jobs, followers, turns
-  std::size_t max_waiting = 256;       ///< requests before each; more get 503 with Retry-After
+  /// For answers that only take processor and disk; 0: two a processor and at least four. More
+  /// only stand in each other's way.
+  std::size_t quick_workers = 0;
+  std::size_t patient_workers = 256;  ///< for those that wait: for bodies, jobs, followers, turns
+  std::size_t max_waiting = 256;      ///< requests before each; more get 503 with Retry-After
   HeadLimits head;
   std::chrono::milliseconds head_timeout{10'000};  ///< for a whole head once it has begun
   std::chrono::milliseconds idle_timeout{30'000};  ///< of a kept connection
