@@ -20,9 +20,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// That of tests/store/data/schema4.sql: a store as a build of that time wrote it.
-constexpr int kRecordedVersion = 4;
-
 std::vector<std::string> texts(SqliteConnection& connection, const std::string& sql) {
   std::vector<std::string> rows;
   for (Query query(connection, sql); query.next();) rows.push_back(query.text(0));
@@ -36,7 +33,8 @@ std::string joined(const std::vector<std::string>& words) {
 }
 
 /// A store of an earlier version: its tables by the published steps of the schema, its rows those
-/// of the recorded store, as far as the version has tables and columns for them.
+/// of the recorded store (a build of version 4 wrote it), as far as the version has tables and
+/// columns for them.
 void make_store(const fs::path& file, int version, const fs::path& recorded) {
   SqliteConnection connection(file, SqliteAccess::kReadWrite, 1000);
   for (int step = 0; step < version; ++step) connection.execute(sql_schema_steps()[step]);

@@ -246,13 +246,12 @@ std::vector<LoopClosure> detect_loops(const PoseGraph& graph, CellId query,
   serial.registration.threads = 1;
   std::vector<LoopClosure> closures;
   for (std::size_t begin = 0; begin < candidates.size() && closures.size() < options.closures;) {
-    const auto next =
-        std::span(candidates)
-            .subspan(begin)
-            .first(std::min(options.closures - closures.size(), candidates.size() - begin));
+    const std::size_t count =
+        std::min(options.closures - closures.size(), candidates.size() - begin);
+    const auto next = std::span(candidates).subspan(begin, count);
     std::ranges::move(verify_all(next, loop_query, targets, serial, options.registration.threads),
                       std::back_inserter(closures));
-    begin += next.size();
+    begin += count;
   }
   return closures;
 }

@@ -22,9 +22,10 @@ struct KnownCell {
   KeptRow kept;
 };
 
-/// The rows that were read last, for as long as nothing changes: only for a store that one process
-/// writes, which says when it does. Every change forgets all of them, so an entry is never old; who
-/// only reads asks the database once a CELL. Thread safe.
+/// The rows that were read last in one state of the store: the next state forgets all of them.
+/// Where one process writes, each of its changes makes a state (`Change`), and an entry is never
+/// old; where many do, a state is what the caller says, such as a minute, and an entry is as old.
+/// Thread safe.
 class KnownCells {
  public:
   /// Around every transaction that writes: what is read meanwhile may be of before or after it, and
