@@ -3,7 +3,6 @@
 #include <arpa/inet.h>
 
 #include <algorithm>
-#include <ranges>
 
 #include "server/api/text.hpp"
 
@@ -30,9 +29,10 @@ std::string client_address(const std::string& peer, const std::optional<std::str
   };
   std::string nearest = peer;
   const auto hops = split(forwarded_for ? std::string_view(*forwarded_for) : "", ',');
-  for (const std::string_view hop : hops | std::views::reverse) {
+  // Not std::views::reverse, which clang 14 cannot compile.
+  for (auto hop = hops.rbegin(); hop != hops.rend(); ++hop) {
     if (!is_trusted(nearest)) break;
-    const auto address = address_name(hop);
+    const auto address = address_name(*hop);
     if (!address) break;
     nearest = *address;
   }
