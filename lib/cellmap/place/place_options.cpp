@@ -10,7 +10,7 @@
 namespace cellmap {
 namespace {
 
-void require(bool holds, const char* rule) {
+void check_option(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, rule);
 }
 
@@ -67,16 +67,17 @@ std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name) {
 }
 
 void LoopOptions::validate() const {
-  require(candidates <= 1000, "loop options need candidates <= 1000");
-  require(closures >= 1, "loop options need closures >= 1");
-  require(max_distance_m > 0 && max_distance_m <= 1e6,
-          "loop options need 0 < max_distance_m <= 1e6");
-  require(drift_m_per_m > 0 && drift_m_per_m <= 10, "loop options need 0 < drift_m_per_m <= 10");
-  require(drift_deg_per_m > 0 && drift_deg_per_m <= 180,
-          "loop options need 0 < drift_deg_per_m <= 180");
-  require(seeds <= 1000, "loop options need seeds <= 1000");
-  require(max_reverse_difference_m > 0, "loop options need max_reverse_difference_m > 0");
-  require(max_reverse_difference_deg > 0, "loop options need max_reverse_difference_deg > 0");
+  check_option(candidates <= 1000, "loop options need candidates <= 1000");
+  check_option(closures >= 1, "loop options need closures >= 1");
+  check_option(max_distance_m > 0 && max_distance_m <= 1e6,
+               "loop options need 0 < max_distance_m <= 1e6");
+  check_option(drift_m_per_m > 0 && drift_m_per_m <= 10,
+               "loop options need 0 < drift_m_per_m <= 10");
+  check_option(drift_deg_per_m > 0 && drift_deg_per_m <= 180,
+               "loop options need 0 < drift_deg_per_m <= 180");
+  check_option(seeds <= 1000, "loop options need seeds <= 1000");
+  check_option(max_reverse_difference_m > 0, "loop options need max_reverse_difference_m > 0");
+  check_option(max_reverse_difference_deg > 0, "loop options need max_reverse_difference_deg > 0");
   acceptance.validate();
   structure.validate();
   search().validate();
@@ -91,15 +92,16 @@ PoseSearchOptions LoopOptions::search() const {
 }
 
 void RelocaliseOptions::validate() const {
-  require(candidates >= 1 && candidates <= 1000, "relocalise needs 1 <= candidates <= 1000");
-  require(shortlist >= candidates, "relocalise needs shortlist >= candidates");
-  require(searched >= 1 && searched <= 1000, "relocalise needs 1 <= searched <= 1000");
-  require(screen_points >= 100 && screen_points <= search_points,
-          "relocalise needs 100 <= screen_points <= search_points");
-  require(starts >= 1 && starts <= 1000, "relocalise needs 1 <= starts <= 1000");
-  require(alternatives <= 1000, "relocalise needs alternatives <= 1000");
-  require(threads >= 0, "relocalise needs threads >= 0");
-  require(min_confidence >= 0 && min_confidence <= 1, "relocalise needs 0 <= min_confidence <= 1");
+  check_option(candidates >= 1 && candidates <= 1000, "relocalise needs 1 <= candidates <= 1000");
+  check_option(shortlist >= candidates, "relocalise needs shortlist >= candidates");
+  check_option(searched >= 1 && searched <= 1000, "relocalise needs 1 <= searched <= 1000");
+  check_option(screen_points >= 100 && screen_points <= search_points,
+               "relocalise needs 100 <= screen_points <= search_points");
+  check_option(starts >= 1 && starts <= 1000, "relocalise needs 1 <= starts <= 1000");
+  check_option(alternatives <= 1000, "relocalise needs alternatives <= 1000");
+  check_option(threads >= 0, "relocalise needs threads >= 0");
+  check_option(min_confidence >= 0 && min_confidence <= 1,
+               "relocalise needs 0 <= min_confidence <= 1");
   acceptance.validate();
   search().validate();
 }
