@@ -21,7 +21,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct ArchiveArguments {
   Place place;
   std::string map, file;
   FormFlags form;
@@ -65,7 +65,7 @@ void write_whole(const std::string& file, const Write& write) {
   }
 }
 
-ArchiveOptions archive_options(const Options& options) {
+ArchiveOptions archive_options(const ArchiveArguments& options) {
   const auto form = options.form.form();
   if (!form) return default_archive_options(open_reader(options.place)->map(options.map));
   ArchiveOptions wanted;
@@ -74,7 +74,7 @@ ArchiveOptions archive_options(const Options& options) {
   return wanted;
 }
 
-void write_archive(const Options& options, const Console& console) {
+void write_archive(const ArchiveArguments& options, const Console& console) {
   const ArchiveOptions wanted = archive_options(options);
   if (options.place.store.empty()) {
     const Interrupt interrupt;
@@ -113,7 +113,7 @@ void require_same_cells(const std::string& file, const std::vector<CellRecord>& 
   }
 }
 
-void archive(const Options& options, const Console& console) {
+void archive(const ArchiveArguments& options, const Console& console) {
   std::uint64_t written = 0;
   if (options.update) {
     const auto map = open_reader(options.place);
@@ -136,8 +136,8 @@ void archive(const Options& options, const Console& console) {
   console.print(json, text);
 }
 
-MapInfo restore_in_store(const Options& options, ArchiveReader& reader, const std::string& name,
-                         const Console& console) {
+MapInfo restore_in_store(const ArchiveArguments& options, ArchiveReader& reader,
+                         const std::string& name, const Console& console) {
   const auto store = open_store(options.place.store);
   const Interrupt interrupt;
   ProgressBar bar(console, "restore");
@@ -146,7 +146,7 @@ MapInfo restore_in_store(const Options& options, ArchiveReader& reader, const st
   });
 }
 
-void restore(const Options& options, const Console& console) {
+void restore(const ArchiveArguments& options, const Console& console) {
   ArchiveReader reader(open_bytes(options.file, options.place));
   const std::string name = options.map.empty() ? reader.footer().map : options.map;
   const MapInfo map = options.place.store.empty()
@@ -158,7 +158,7 @@ void restore(const Options& options, const Console& console) {
 }  // namespace
 
 void add_archive(CLI::App& app, Verbs& verbs) {
-  const auto archived = std::make_shared<Options>();
+  const auto archived = std::make_shared<ArchiveArguments>();
   CLI::App* verb = verbs.add(
       app, "archive", "Write a whole map into one file",
       "  cellmap archive town --store map.db --out town.cellmap\n"
@@ -176,7 +176,7 @@ void add_archive(CLI::App& app, Verbs& verbs) {
                  "Only bring poses and constraints of the file up to date");
   add_place_options(*verb, archived->place, true);
 
-  const auto restored = std::make_shared<Options>();
+  const auto restored = std::make_shared<ArchiveArguments>();
   CLI::App* back = verbs.add(app, "restore", "Make a map of an archive; every hash is verified",
                              "  cellmap restore town.cellmap --store map.db\n"
                              "  cellmap restore town.cellmap --server URL --map town2\n",

@@ -14,7 +14,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct BuildArguments {
   DriveFlags drive;
   MapperFlags mapper;
   FormFlags form;
@@ -22,7 +22,7 @@ struct Options {
   int threads = 1;
 };
 
-void run(const Options& options, const Console& console) {
+void run_build(const BuildArguments& options, const Console& console) {
   const Interrupt interrupt;
   const auto form = options.form.form();
   const MapperOptions mapper = options.mapper.mapper_options(options.threads);
@@ -46,7 +46,7 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_build(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<BuildArguments>();
   CLI::App* verb = verbs.add(
       app, "build", "Map a drive into a store of this machine; no server",
       "  cellmap build drive --store map.db --map town\n"
@@ -54,7 +54,7 @@ void add_build(CLI::App& app, Verbs& verbs) {
       "--store map.db --map kitti00\n"
       "  cellmap build drive --store map.db --map town --encoding compact --bound 20mm\n"
       "The same command again goes on where it was broken off.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_build(*options, console); });
   add_drive_flags(*verb, options->drive);
   verb->add_option("--store", options->store,
                    "Store: a file, made where it is missing, or postgresql://...")

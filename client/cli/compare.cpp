@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Options {
+struct CompareArguments {
   DriveFlags drive;
   MapperFlags mapper;
   ComparisonOptions comparison;
@@ -65,7 +65,7 @@ PublishedRow pin_slam() {
 }
 
 /// CELLs in every form; and those of patches without depth, which are the paper's number of planes.
-std::vector<Representation> cell_representations(const Options& options,
+std::vector<Representation> cell_representations(const CompareArguments& options,
                                                  const MapperOptions& mapper) {
   std::vector<CellForm> forms = {{}, {KeptEncoding::kPacked}};
   for (const double bound_m : {0.005, 0.01, 0.02, 0.03, 0.05}) {
@@ -86,7 +86,7 @@ std::vector<Representation> cell_representations(const Options& options,
   return rows;
 }
 
-std::vector<Representation> all_representations(const Options& options) {
+std::vector<Representation> all_representations(const CompareArguments& options) {
   const MapperOptions mapper = options.mapper.mapper_options(options.comparison.threads);
   std::vector<Representation> all = {raw_points(), raw_points(9)};
   for (const double voxel_m : {0.4, 0.2, 0.1}) all.push_back(voxel_points(voxel_m));
@@ -102,7 +102,7 @@ std::vector<Representation> all_representations(const Options& options) {
 }
 
 /// Those whose names hold one of the words that were given; all where none was.
-std::vector<Representation> chosen_representations(const Options& options) {
+std::vector<Representation> chosen_representations(const CompareArguments& options) {
   std::vector<Representation> chosen = all_representations(options);
   if (options.rows.empty()) return chosen;
   std::erase_if(chosen, [&](const Representation& row) {
@@ -126,7 +126,7 @@ std::unique_ptr<ScanSource> open_drive(DriveFlags flags) {
   return flags.open();
 }
 
-void put_with_map(const Options& options, const std::string& json) {
+void put_with_map(const CompareArguments& options, const std::string& json) {
   if (options.place.store.empty()) {
     put_comparison(client_options_of(options.place), options.map, json);
   } else {
@@ -135,7 +135,7 @@ void put_with_map(const Options& options, const std::string& json) {
   }
 }
 
-void run(const Options& options, const Console& console) {
+void run_compare(const CompareArguments& options, const Console& console) {
   const Interrupt interrupt;
   if (!options.map.empty()) open_reader(options.place)->map(options.map);  // before minutes of work
   const std::vector<Representation> representations = chosen_representations(options);
@@ -181,14 +181,14 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_compare(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CompareArguments>();
   CLI::App* verb = verbs.add(
       app, "compare", "Measure map representations on a drive: their size and what it costs",
       "  cellmap compare kitti00-dense --angle-correction 0.205 --html report.html\n"
       "  cellmap compare drive --scans 40 --held-back 4 --json rows.json\n"
       "  cellmap compare drive --server http://127.0.0.1:8080 --map town\n"
       "Poses are poses_gt.txt of the folder where it has one, else poses.txt or --poses.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_compare(*options, console); });
   add_drive_flags(*verb, options->drive);
   ComparisonOptions& comparison = options->comparison;
   verb->add_option("--held-back", options->held_back, "Scans that are registered, not mapped")

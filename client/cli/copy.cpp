@@ -15,7 +15,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct CopyArguments {
   std::string from, to;
   std::vector<std::string> maps;
 };
@@ -26,7 +26,7 @@ std::vector<std::string> names_of(const Store& store) {
   return names;
 }
 
-void run(const Options& options, const Console& console) {
+void run_copy(const CopyArguments& options, const Console& console) {
   const auto from = open_store_to_read(options.from);
   const auto to = open_store(options.to);
   const Interrupt interrupt;
@@ -47,7 +47,7 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_copy(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<CopyArguments>();
   CLI::App* verb = verbs.add(
       app, "copy", "Copy maps, with their history, from one store to another of any engine",
       "  cellmap copy map.db postgresql://cellmap@db/maps\n"
@@ -56,7 +56,7 @@ void add_copy(CLI::App& app, Verbs& verbs) {
       "at "
       "all,\n"
       "after the bytes of all its CELLs were read back and compared. Jobs stay behind.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_copy(*options, console); });
   verb->add_option("FROM", options->from, "A store: its file or postgresql://...")->required();
   verb->add_option("TO", options->to,
                    "A store: a file, made where it is missing, or postgresql://...")

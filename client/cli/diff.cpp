@@ -15,7 +15,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct DiffArguments {
   Place place;
   std::string map, near, ply;
   std::vector<std::string> sessions;
@@ -24,7 +24,7 @@ struct Options {
   int threads = 0;
 };
 
-DiffRequest request_of(const Options& options) {
+DiffRequest diff_request(const DiffArguments& options) {
   DiffRequest request;
   if (options.sessions.size() != 2) {
     throw Error(ErrorCode::kInvalidArgument,
@@ -76,7 +76,7 @@ std::string ply_text(MapReader& reader, const std::string& map, const MapDiff& d
          rows;
 }
 
-std::string text_of(const MapDiff& diff) {
+std::string diff_text(const MapDiff& diff) {
   std::string text;
   for (const ChangeRegion& region : diff.regions) {
     const Eigen::Vector3d size = region.box.sizes();
@@ -103,8 +103,8 @@ std::string text_of(const MapDiff& diff) {
   return text;
 }
 
-void run(const Options& options, const Console& console) {
-  const DiffRequest request = request_of(options);
+void run_diff(const DiffArguments& options, const Console& console) {
+  const DiffRequest request = diff_request(options);
   const bool offline = options.place.is_offline();
   const Interrupt interrupt;
   const auto reader = open_reader(options.place);
@@ -117,13 +117,13 @@ void run(const Options& options, const Console& console) {
   if (!options.ply.empty()) {
     client::write_file_atomically(options.ply, ply_text(*reader, options.map, diff));
   }
-  console.print(client::to_json(diff, request.patches), text_of(diff));
+  console.print(client::to_json(diff, request.patches), diff_text(diff));
 }
 
 }  // namespace
 
 void add_diff(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<DiffArguments>();
   CLI::App* verb =
       verbs.add(app, "diff", "What changed between two sessions of a map",
                 "  cellmap diff town --sessions monday,tuesday --server http://127.0.0.1:8080\n"
@@ -131,7 +131,7 @@ void add_diff(CLI::App& app, Verbs& verbs) {
                 "Lists places where something vanished or appeared, the largest first. What is "
                 "listed mostly\n"
                 "did change; what no clear view saw, or only at a grazing angle, is not listed.\n",
-                [options](const Console& console) { run(*options, console); });
+                [options](const Console& console) { run_diff(*options, console); });
   verb->add_option("MAP", options->map, "Name of the map")->required();
   verb->add_option("--sessions", options->sessions, "Two names, the earlier one first: a,b")
       ->delimiter(',')

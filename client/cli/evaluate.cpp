@@ -12,7 +12,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct EvaluateArguments {
   std::string estimate, truth;
 };
 
@@ -36,7 +36,7 @@ std::vector<Pose> poses_of(const Trajectory& trajectory) {
   return poses;
 }
 
-TrajectoryErrors compare(const Options& options) {
+TrajectoryErrors compare(const EvaluateArguments& options) {
   const Trajectory estimate = read_trajectory(options.estimate);
   const Trajectory truth = read_trajectory(options.truth);
   if (is_tum(options.estimate) && is_tum(options.truth))
@@ -49,7 +49,7 @@ TrajectoryErrors compare(const Options& options) {
 void add_evaluate(CLI::App& app, Verbs& verbs) {
   CLI::App* group = app.add_subcommand("evaluate", "Compare with the truth");
   group->require_subcommand(1);
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<EvaluateArguments>();
   CLI::App* verb = verbs.add(
       *group, "trajectory",
       "Errors of an estimated trajectory: KITTI devkit, absolute (aligned), relative",

@@ -10,16 +10,16 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct EvaluateDiffArguments {
   TwoDays days;
   std::vector<std::string> only;
 };
 
-struct Scenario {
+struct LaneScenario {
   const char* name;
   double lateral_offset_m;
 };
-constexpr Scenario kScenarios[] = {{"same_lane", 0}, {"other_lane", 3.5}};
+constexpr LaneScenario kScenarios[] = {{"same_lane", 0}, {"other_lane", 3.5}};
 
 double share(std::size_t part, std::size_t whole) {
   return whole == 0 ? 0 : static_cast<double>(part) / static_cast<double>(whole);
@@ -54,7 +54,7 @@ std::string line(const std::string& label, const ChangeCount& count) {
                 100 * share(count.found, count.in_sight));
 }
 
-std::string text_of(const std::string& name, const ChangeScore& score) {
+std::string score_text(const std::string& name, const ChangeScore& score) {
   std::string text = line(name, score.total());
   for (std::size_t bin = 0; bin < score.by_range.size(); ++bin) {
     text += line(format("  %.0f to %.0f m", ChangeScore::kStep_m * static_cast<double>(bin),
@@ -93,13 +93,13 @@ Scored score(const TwoDays& town, const Console& console) {
   return scored;
 }
 
-void run(const Options& options, const Console& console) {
+void run_evaluate_diff(const EvaluateDiffArguments& options, const Console& console) {
   client::Json scenarios = client::Json::object();
   std::string text = format(
       "Simulated; poses off by %.2f m and %.2f deg a CELL.\n  %-20s %10s %11s %8s %11s %9s %9s\n",
       options.days.pose_error_m, options.days.pose_error_deg, "", "patches", "never seen",
       "claimed", "precision", "in sight", "recall");
-  for (const Scenario& scenario : kScenarios) {
+  for (const LaneScenario& scenario : kScenarios) {
     if (!options.only.empty() &&
         std::ranges::find(options.only, scenario.name) == options.only.end())
       continue;
@@ -116,7 +116,7 @@ void run(const Options& options, const Console& console) {
     text += format("%s: %zu CELLs, %zu pairs, %zu regions, %.1f ms a pair\n", scenario.name,
                    scored.cells, scored.pairs, scored.regions,
                    scored.diff_ms / static_cast<double>(std::max<std::size_t>(1, scored.pairs))) +
-            text_of("vanished", scored.vanished) + text_of("appeared", scored.appeared);
+            score_text("vanished", scored.vanished) + score_text("appeared", scored.appeared);
   }
   console.print({{"simulated", true},
                  {"pose_error_m", options.days.pose_error_m},
@@ -128,7 +128,7 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_evaluate_diff(CLI::App& group, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<EvaluateDiffArguments>();
   TwoDays& days = options->days;
   CLI::App* verb = verbs.add(
       group, "diff",
@@ -139,7 +139,7 @@ void add_evaluate_diff(CLI::App& group, Verbs& verbs) {
       "other day has nothing within 0.3 m; recall is over those that a CELL of the other day had "
       "in\n"
       "free sight. Simulated figures.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_evaluate_diff(*options, console); });
   verb->add_option("--route", days.route, "\"town\", \"city\" or a trajectory file")
       ->capture_default_str();
   verb->add_option("--length", days.length_m, "Metres of the route; 0: all")

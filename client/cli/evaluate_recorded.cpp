@@ -89,7 +89,9 @@ void loop_queries(ScanSource& source, const KnownMap& map, const std::stop_token
     query.query = RelocalisationQuery::from_scan(source.next()->points);
     query.T_map_query = path.pose(i);
     query.hidden = cells_with_a_scan(map, [&](std::size_t k) { return !path.is_far_along(i, k); });
-    ask(doubted ? std::string(kKeyframes) + "-608-622" : kKeyframes, query);
+    std::string asked_of = kKeyframes;
+    if (doubted) asked_of += "-608-622";
+    ask(asked_of, query);
     query.mapped = false;
     query.hidden = cells_with_a_scan(map, [&](std::size_t k) {
       return !path.is_far_along(i, k) || path.distance_m(i, k) < 50.0;

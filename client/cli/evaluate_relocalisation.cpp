@@ -19,7 +19,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct EvaluateRelocalisationArguments {
   SimulatedTown town;
   std::string cache, data, json_file, trials_file;
   std::vector<std::string> only;
@@ -92,7 +92,7 @@ class TrialsFile {
 /// Runs scenarios one after the other and keeps their trials.
 class Evaluation {
  public:
-  Evaluation(const Options& options, const Console& console)
+  Evaluation(const EvaluateRelocalisationArguments& options, const Console& console)
       : options_(options), console_(console), trials_(options.trials_file) {
     relocalise_.threads = options.threads;
   }
@@ -191,14 +191,14 @@ class Evaluation {
     }
   }
 
-  const Options& options_;
+  const EvaluateRelocalisationArguments& options_;
   const Console& console_;
   TrialsFile trials_;
   RelocaliseOptions relocalise_;
   std::vector<RelocalisationReport> reports_;
 };
 
-void run(Options options, const Console& console) {
+void run_evaluate_relocalisation(EvaluateRelocalisationArguments options, const Console& console) {
   const Interrupt interrupt;
   if (options.quick) {
     options.town.queries = std::min<std::size_t>(options.town.queries, 40);
@@ -240,7 +240,7 @@ void add_town_options(CLI::App& verb, SimulatedTown& town) {
 }  // namespace
 
 void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<EvaluateRelocalisationArguments>();
   CLI::App* verb = verbs.add(
       group, "relocalisation",
       "Recall, precision, errors and time of relocalisation without a prior, over a simulated map "
@@ -249,7 +249,7 @@ void add_evaluate_relocalisation(CLI::App& group, Verbs& verbs) {
       "  cellmap evaluate relocalisation --json report.json --cache maps.db --threads 0\n"
       "  cellmap evaluate relocalisation --data recordings --only kitti00-keyframes\n"
       "The map takes minutes to simulate; with --cache it is built once.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_evaluate_relocalisation(*options, console); });
   verb->add_option("FILE", options->json_file, "With --json: write the document to this file");
   verb->add_flag("--quick", options->quick, "A sample: 40 queries a scenario, 100 from elsewhere");
   verb->add_option("--only", options->only, "Scenarios whose names begin so; may be repeated")

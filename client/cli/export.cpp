@@ -16,7 +16,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct ExportArguments {
   Place place;
   std::string map, out, session, format = "tum", stage = "optimised";
 };
@@ -36,7 +36,7 @@ struct SurfelCloud {
   }
 };
 
-void export_cloud(const Options& options, const Console& console) {
+void export_cloud(const ExportArguments& options, const Console& console) {
   const std::string extension = std::filesystem::path(options.out).extension().string();
   if (extension != ".ply" && extension != ".pcd") {
     throw Error(ErrorCode::kInvalidArgument,
@@ -62,14 +62,14 @@ void export_cloud(const Options& options, const Console& console) {
              with_commas(cloud.points.size()).c_str(), cells.size(), options.out.c_str()));
 }
 #else
-void export_cloud(const Options&, const Console&) {
+void export_cloud(const ExportArguments&, const Console&) {
   throw Error(
       ErrorCode::kUnsupported,
       "this build has no PCL, which writes PLY and PCD; configure with CELLMAP_WITH_PCL=ON");
 }
 #endif
 
-std::string session_of(const Options& options, const MapInfo& map) {
+std::string session_of(const ExportArguments& options, const MapInfo& map) {
   if (!options.session.empty()) return options.session;
   if (map.sessions.size() == 1) return map.sessions.front();
   std::string names;
@@ -80,7 +80,7 @@ std::string session_of(const Options& options, const MapInfo& map) {
                   : "map '" + map.name + "' has several sessions; give --session, one of:" + names);
 }
 
-void export_trajectory(const Options& options, const Console& console) {
+void export_trajectory(const ExportArguments& options, const Console& console) {
   const auto reader = open_reader(options.place);
   const std::string session = session_of(options, reader->map(options.map));
   const std::string text = reader->trajectory_text(
@@ -94,7 +94,7 @@ void export_trajectory(const Options& options, const Console& console) {
                        options.stage.c_str(), options.format.c_str(), options.out.c_str()));
 }
 
-void export_graph(const Options& options, const Console& console) {
+void export_graph(const ExportArguments& options, const Console& console) {
   const PoseGraph graph = open_reader(options.place)->pose_graph(options.map);
   client::write_file_atomically(options.out, to_g2o(graph));
   console.print({{"file", options.out},
@@ -111,8 +111,8 @@ void add_export(CLI::App& app, Verbs& verbs) {
   CLI::App* group = app.add_subcommand("export", "Write a map as files that other programs read");
   group->require_subcommand(1);
   const auto leaf = [&](const char* name, const char* description, const char* example,
-                        void (*action)(const Options&, const Console&)) {
-    const auto options = std::make_shared<Options>();
+                        void (*action)(const ExportArguments&, const Console&)) {
+    const auto options = std::make_shared<ExportArguments>();
     CLI::App* verb = verbs.add(*group, name, description, example,
                                [options, action](const Console& c) { action(*options, c); });
     verb->add_option("--map", options->map, "Name of the map")->required();

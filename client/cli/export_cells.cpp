@@ -18,7 +18,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct ExportCellsArguments {
   Place place;
   std::string map, out, format, session;
   double density = 0;  // points a square metre
@@ -30,8 +30,8 @@ using OnCell = std::function<void(const Cell&, const Lattice&, const Pose& T_map
 
 /// Shows every CELL of the map at its current pose, one at a time, and returns how many there were.
 /// Those of sessions that are not in the map frame yet are left out and counted in `unaligned`.
-std::size_t for_each_cell(const Options& options, const Console& console, const OnCell& on_cell,
-                          std::size_t& unaligned) {
+std::size_t for_each_cell(const ExportCellsArguments& options, const Console& console,
+                          const OnCell& on_cell, std::size_t& unaligned) {
   const Interrupt interrupt;
   const auto reader = open_reader(options.place);
   const Lattice lattice(reader->map(options.map).lattice);
@@ -56,12 +56,12 @@ std::size_t for_each_cell(const Options& options, const Console& console, const 
   return cells.size();
 }
 
-double spacing_of(const Options& options) {
+double spacing_of(const ExportCellsArguments& options) {
   return options.density > 0 ? 1 / std::sqrt(options.density) : 0;
 }
 
-void print(const Options& options, const Console& console, std::size_t cells, std::size_t unaligned,
-           client::Json counts, const std::string& what) {
+void print(const ExportCellsArguments& options, const Console& console, std::size_t cells,
+           std::size_t unaligned, client::Json counts, const std::string& what) {
   counts["file"] = options.out;
   counts["cells"] = cells;
   counts["cells_unaligned"] = unaligned;
@@ -74,7 +74,7 @@ void print(const Options& options, const Console& console, std::size_t cells, st
   console.print(counts, text);
 }
 
-void export_points(const Options& options, const Console& console) {
+void export_points(const ExportCellsArguments& options, const Console& console) {
   const PointFormat format = options.format.empty() ? point_format_of(options.out)
                                                     : point_format_of("points." + options.format);
   PointFileWriter file(options.out, format);
@@ -82,7 +82,8 @@ void export_points(const Options& options, const Console& console) {
   const std::size_t cells = for_each_cell(
       options, console,
       [&](const Cell& cell, const Lattice& lattice, const Pose& T_map_cell) {
-        const PatchPoints patches = patch_points(cell, lattice, T_map_cell, spacing_of(options));
+        const PointsOnPatches patches =
+            patch_points(cell, lattice, T_map_cell, spacing_of(options));
         file.add(patches.points, patches.normals);
       },
       unaligned);
@@ -91,7 +92,7 @@ void export_points(const Options& options, const Console& console) {
         with_commas(file.points()) + " points");
 }
 
-void export_discs(const Options& options, const Console& console) {
+void export_discs(const ExportCellsArguments& options, const Console& console) {
   DiscFileWriter file(options.out);
   std::size_t unaligned = 0;
   const std::size_t cells = for_each_cell(
@@ -105,13 +106,14 @@ void export_discs(const Options& options, const Console& console) {
         with_commas(file.discs()) + " discs");
 }
 
-void export_tiles(const Options& options, const Console& console) {
+void export_tiles(const ExportCellsArguments& options, const Console& console) {
   TileWriter tiles(options.out, options.tile_m);
   std::size_t unaligned = 0;
   const std::size_t cells = for_each_cell(
       options, console,
       [&](const Cell& cell, const Lattice& lattice, const Pose& T_map_cell) {
-        const PatchPoints patches = patch_points(cell, lattice, T_map_cell, spacing_of(options));
+        const PointsOnPatches patches =
+            patch_points(cell, lattice, T_map_cell, spacing_of(options));
         tiles.add(patches.points, patches.normals);
       },
       unaligned);
@@ -120,7 +122,7 @@ void export_tiles(const Options& options, const Console& console) {
         with_commas(tiles.points()) + " points in " + with_commas(tiles.tiles()) + " tiles");
 }
 
-void export_occupancy(const Options& options, const Console& console) {
+void export_occupancy(const ExportCellsArguments& options, const Console& console) {
   OccupancyGrid grid(options.occupancy);
   std::size_t unaligned = 0;
   const std::size_t cells = for_each_cell(
@@ -135,7 +137,7 @@ void export_occupancy(const Options& options, const Console& console) {
                with_commas(grid.height()).c_str()));
 }
 
-void add_density(CLI::App& verb, Options& options) {
+void add_density(CLI::App& verb, ExportCellsArguments& options) {
   verb.add_option("--density", options.density,
                   "Points a square metre on every patch; 0: one point a plane")
       ->check(CLI::Range(0.0, 1e6))
@@ -146,8 +148,9 @@ void add_density(CLI::App& verb, Options& options) {
 
 void add_cell_exports(CLI::App& group, Verbs& verbs) {
   const auto leaf = [&](const char* name, const char* description, const char* example,
-                        const char* out, void (*action)(const Options&, const Console&)) {
-    const auto options = std::make_shared<Options>();
+                        const char* out,
+                        void (*action)(const ExportCellsArguments&, const Console&)) {
+    const auto options = std::make_shared<ExportCellsArguments>();
     CLI::App* verb = verbs.add(group, name, description, example,
                                [options, action](const Console& c) { action(*options, c); });
     verb->add_option("--map", options->map, "Name of the map")->required();

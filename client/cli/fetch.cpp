@@ -12,7 +12,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct FetchArguments {
   Place place;
   std::string map, out;
   std::uint32_t cell = 0;
@@ -21,7 +21,7 @@ struct Options {
 };
 
 /// One CELL in few bytes, as they came.
-void fetch_coded(const Options& options, const CodedCellForm& form, const Console& console) {
+void fetch_coded(const FetchArguments& options, const CodedCellForm& form, const Console& console) {
   if (options.place.is_offline()) {
     throw Error(ErrorCode::kInvalidArgument,
                 "--encoding packed, --encoding compact and --coarse need a --server");
@@ -56,7 +56,7 @@ void fetch_coded(const Options& options, const CodedCellForm& form, const Consol
 }
 
 /// Without a server there is no cache, and nothing to save.
-FetchedCell fetch_offline(const Options& options) {
+FetchedCell fetch_offline(const FetchArguments& options) {
   const auto reader = open_reader(options.place);
   for (const CellRecord& record : reader->all_cells(options.map)) {
     if (record.id.value != options.cell) continue;
@@ -67,7 +67,7 @@ FetchedCell fetch_offline(const Options& options) {
               "map '" + options.map + "' has no CELL " + std::to_string(options.cell));
 }
 
-void fetch(const Options& options, const Console& console) {
+void fetch(const FetchArguments& options, const Console& console) {
   const CellForm form = options.form.form().value_or(CellForm{});
   if (form.encoding != KeptEncoding::kRaw) {
     return fetch_coded(options, coded_form_of(form), console);
@@ -103,7 +103,7 @@ void fetch(const Options& options, const Console& console) {
 }  // namespace
 
 void add_fetch(CLI::App& app, Verbs& verbs) {
-  const auto fetched = std::make_shared<Options>();
+  const auto fetched = std::make_shared<FetchArguments>();
   CLI::App* one = verbs.add(app, "fetch", "Fetch and verify one CELL",
                             "  cellmap fetch town 12 --server http://127.0.0.1:8080 --out 12.cell\n"
                             "  cellmap fetch town 12 --server URL --cache ~/.cache/cellmap\n"

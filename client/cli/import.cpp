@@ -13,7 +13,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct ImportArguments {
   std::string folder, store, map;
   ReleasedFolderOptions reading;
 };
@@ -32,7 +32,7 @@ Constraint constraint_between(CellId from, const Cell& a, CellId to, const Cell&
 }
 
 /// CELL by CELL into a new map, which is gone again where that fails.
-std::size_t import_into(Store& store, const Options& options, const ReleasedFolder& folder,
+std::size_t import_into(Store& store, const ImportArguments& options, const ReleasedFolder& folder,
                         const Console& console) {
   const Interrupt interrupt;
   ProgressBar bar(console, "import");
@@ -67,7 +67,7 @@ std::size_t import_into(Store& store, const Options& options, const ReleasedFold
   return dropped;
 }
 
-void run(const Options& options, const Console& console) {
+void run_import(const ImportArguments& options, const Console& console) {
   validate_map_name(options.map);
   const ReleasedFolder folder(options.folder, options.reading);
   const auto store = open_store(options.store);
@@ -82,14 +82,14 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_import(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ImportArguments>();
   CLI::App* verb = verbs.add(
       app, "import", "Make a map of the folder that the paper's released code wrote",
       "  cellmap import cellmap_out --store map.db --map town\n"
       "The folder has cell_0.pcd, index_0.txt, ... and cell_odom.txt, the poses of the scans.\n"
       "Neighbours are tied by these poses; 'cellmap archive' and 'cellmap serve' go on from "
       "here.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_import(*options, console); });
   verb->add_option("FOLDER", options->folder, "What the released code wrote")->required();
   verb->add_option("--poses", options->reading.poses,
                    "Poses of the scans, KITTI or TUM (default: cell_odom.txt of the folder)");

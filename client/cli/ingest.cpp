@@ -18,7 +18,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct IngestArguments {
   Place place;
   DriveFlags drive;
   MapperFlags mapper;
@@ -38,7 +38,7 @@ struct Options {
 };
 
 /// CELLs that come from outside are tied by the server's own settings.
-void refuse_flags_without_effect(const Options& options) {
+void refuse_flags_without_effect(const IngestArguments& options) {
   const MapperFlags& mapper = options.mapper;
   if (!options.cells) return;
   const char* const flag = mapper.no_loops                   ? "--no-loops"
@@ -52,7 +52,7 @@ void refuse_flags_without_effect(const Options& options) {
       "own; leave it out, or send the scans (without --cells)");
 }
 
-IngestRequest request_of(const Options& options) {
+IngestRequest ingest_request(const IngestArguments& options) {
   IngestRequest request;
   request.session = options.drive.session_name();
   request.options = options.mapper.ingest_options();
@@ -66,7 +66,7 @@ IngestRequest request_of(const Options& options) {
   return request;
 }
 
-void make_map_where_missing(Client& client, const Options& options) {
+void make_map_where_missing(Client& client, const IngestArguments& options) {
   try {
     client.create_map(options.map, options.mapper.lattice(),
                       options.form.form().value_or(CellForm{}));
@@ -76,7 +76,7 @@ void make_map_where_missing(Client& client, const Options& options) {
 }
 
 /// Builds the CELLs here and sends them instead of the scans.
-void send_cells(Client& client, const Options& options, const Console& console) {
+void send_cells(Client& client, const IngestArguments& options, const Console& console) {
   const Interrupt interrupt;
   make_map_where_missing(client, options);
   const auto source = options.drive.open();
@@ -113,7 +113,7 @@ void send_cells(Client& client, const Options& options, const Console& console) 
              with_commas(raw_bytes).c_str()));
 }
 
-void describe_session(Client& client, const Options& options) {
+void describe_session(Client& client, const IngestArguments& options) {
   const SessionInfo& said = options.session;
   if (said.robot.empty() && said.sensor.empty()) return;
   make_map_where_missing(client, options);
@@ -122,7 +122,7 @@ void describe_session(Client& client, const Options& options) {
   client.create_session(options.map, session);
 }
 
-void run(const Options& options, const Console& console) {
+void run_ingest(const IngestArguments& options, const Console& console) {
   Client client = connect(options.place);
   describe_session(client, options);
   if (options.cells) return send_cells(client, options, console);
@@ -132,11 +132,11 @@ void run(const Options& options, const Console& console) {
     ProgressBar bar(console, "ingest");
     const auto on_progress = [&](const Job& latest) { show(bar, latest); };
     if (options.server_path) {
-      job = client.start_ingest(options.map, request_of(options));
+      job = client.start_ingest(options.map, ingest_request(options));
       job = client.follow_job(job.id, on_progress, interrupt.token());
     } else {
       const auto source = options.drive.open();
-      job = deliver_drive(client, options.map, request_of(options), *source, options.upload(),
+      job = deliver_drive(client, options.map, ingest_request(options), *source, options.upload(),
                           on_progress, interrupt.token());
     }
   }
@@ -160,7 +160,7 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_ingest(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<IngestArguments>();
   CLI::App* verb = verbs.add(
       app, "ingest", "Send a drive to a server and follow the job that maps it",
       "  cellmap ingest drive --server http://127.0.0.1:8080 --map town\n"
@@ -169,7 +169,7 @@ void add_ingest(CLI::App& app, Verbs& verbs) {
       "  cellmap ingest /drives/07 --server-path --server http://127.0.0.1:8080 --map seven\n"
       "  cellmap ingest drive --cells --robot cart-7 --server http://127.0.0.1:8080 --map town\n"
       "The same command again goes on where it was broken off.\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_ingest(*options, console); });
   add_drive_flags(*verb, options->drive);
   add_place_options(*verb, options->place, false);
   verb->add_option("--map", options->map, "Name of the map; made where it is missing")->required();

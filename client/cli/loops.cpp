@@ -11,7 +11,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct LoopsArguments {
   Place place;
   std::string map, pose;
   std::uint32_t from = 0, to = 0, cell = 0, loop = 0;
@@ -28,14 +28,14 @@ std::string loop_line(const Constraint& loop) {
       loop.scores.median_residual_m, std::string(to_string(verdict(loop))).c_str());
 }
 
-void list(const Options& options, const Console& console) {
+void list_loops(const LoopsArguments& options, const Console& console) {
   const LoopList loops = open_reader(options.place)->loops(options.map);
   std::string text;
   for (const Constraint& loop : loops.loops) text += loop_line(loop);
   console.print(client::to_json(loops), text.empty() ? "No loops.\n" : text);
 }
 
-void show(const Options& options, const Console& console) {
+void show(const LoopsArguments& options, const Console& console) {
   const ConstraintReport report =
       open_reader(options.place)->loop(options.map, ConstraintId{options.loop});
   const RegistrationScores& scores = report.constraint.scores;
@@ -64,7 +64,7 @@ void print(const LoopReport& report, const Console& console, const std::string& 
 }
 
 /// The information of independent errors in translation and rotation.
-std::optional<Matrix6d> information_of(const Options& options) {
+std::optional<Matrix6d> information_of(const LoopsArguments& options) {
   if (options.sigma_m.has_value() != options.sigma_deg.has_value()) {
     throw Error(ErrorCode::kInvalidArgument, "--sigma-m and --sigma-deg go together");
   }
@@ -76,7 +76,7 @@ std::optional<Matrix6d> information_of(const Options& options) {
   return Matrix6d(weights.asDiagonal());
 }
 
-void add(const Options& options, const Console& console) {
+void add(const LoopsArguments& options, const Console& console) {
   const Pose T_from_to = parse_pose("--pose", options.pose);
   const auto information = information_of(options);
   print(
@@ -85,22 +85,22 @@ void add(const Options& options, const Console& console) {
       console, "Added:\n");
 }
 
-void detect(const Options& options, const Console& console) {
+void detect(const LoopsArguments& options, const Console& console) {
   const LoopReport report = connect(options.place).detect_loops(options.map, CellId{options.cell});
   print(report, console, report.loops.empty() ? "No loop found; nothing changed.\n" : "Found:\n");
 }
 
-void pin(const Options& options, const Console& console) {
+void pin(const LoopsArguments& options, const Console& console) {
   print(connect(options.place).pin_loop(options.map, ConstraintId{options.loop}, true), console,
         "Pinned:\n");
 }
 
-void unpin(const Options& options, const Console& console) {
+void unpin(const LoopsArguments& options, const Console& console) {
   print(connect(options.place).pin_loop(options.map, ConstraintId{options.loop}, false), console,
         "No longer pinned:\n");
 }
 
-void remove(const Options& options, const Console& console) {
+void remove(const LoopsArguments& options, const Console& console) {
   print(connect(options.place).delete_loop(options.map, ConstraintId{options.loop}), console,
         "Deleted.\n");
 }
@@ -112,15 +112,15 @@ void add_loops(CLI::App& app, Verbs& verbs) {
       app.add_subcommand("loops", "List, explain, add, detect, pin and delete loop closures");
   group->require_subcommand(1);
   const auto leaf = [&](const char* name, const char* description, const char* example,
-                        bool with_store, void (*action)(const Options&, const Console&)) {
-    const auto options = std::make_shared<Options>();
+                        bool with_store, void (*action)(const LoopsArguments&, const Console&)) {
+    const auto options = std::make_shared<LoopsArguments>();
     CLI::App* verb = verbs.add(*group, name, description, example,
                                [options, action](const Console& c) { action(*options, c); });
     verb->add_option("MAP", options->map, "Name of the map")->required();
     add_place_options(*verb, options->place, with_store, with_store);
     return std::pair(verb, options);
   };
-  leaf("list", "List the loops", "  cellmap loops list town --server URL\n", true, list);
+  leaf("list", "List the loops", "  cellmap loops list town --server URL\n", true, list_loops);
 
   const auto [add_verb, added] =
       leaf("add", "Add a measured loop; the map is optimised",
@@ -142,7 +142,7 @@ void add_loops(CLI::App& app, Verbs& verbs) {
   detect_verb->add_option("CELL", detected->cell, "Number of the CELL")->required();
 
   const auto with_loop = [&](const char* name, const char* description, bool with_store,
-                             void (*action)(const Options&, const Console&)) {
+                             void (*action)(const LoopsArguments&, const Console&)) {
     const std::string example = "  cellmap loops " + std::string(name) + " town 131 --server URL\n";
     const auto [verb, options] = leaf(name, description, example.c_str(), with_store, action);
     verb->add_option("LOOP", options->loop, "Number of the loop")->required();

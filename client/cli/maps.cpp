@@ -17,7 +17,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct MapsArguments {
   Place place;
   std::string map, near, box, session;
   double radius_m = 0;
@@ -32,7 +32,7 @@ struct Options {
   std::uint32_t lattice_size = LatticeSpec{}.size;
 };
 
-void list_maps(const Options& options, const Console& console) {
+void list_maps(const MapsArguments& options, const Console& console) {
   client::Json json = client::Json::array();
   std::string text;
   for (const MapInfo& map : open_reader(options.place)->maps()) {
@@ -42,9 +42,9 @@ void list_maps(const Options& options, const Console& console) {
   console.print({{"maps", json}}, text.empty() ? "No maps.\n" : text);
 }
 
-void show_map(const Options& options, const Console& console);
+void show_map(const MapsArguments& options, const Console& console);
 
-void create_map(const Options& options, const Console& console) {
+void create_map(const MapsArguments& options, const Console& console) {
   const LatticeSpec lattice{lattice_kind_from(options.lattice), options.lattice_size};
   const CellForm form = options.form.form().value_or(CellForm{});
   const MapInfo map =
@@ -54,7 +54,7 @@ void create_map(const Options& options, const Console& console) {
   console.print(client::to_json(map), map_text(map));
 }
 
-void delete_map(const Options& options, const Console& console) {
+void delete_map(const MapsArguments& options, const Console& console) {
   if (options.place.store.empty()) {
     connect(options.place).delete_map(options.map);
   } else {
@@ -63,7 +63,7 @@ void delete_map(const Options& options, const Console& console) {
   console.print({{"deleted", options.map}}, "Deleted map " + options.map + ".\n");
 }
 
-void convert_in_server(const Options& options, const CellForm& form, const Console& console) {
+void convert_in_server(const MapsArguments& options, const CellForm& form, const Console& console) {
   const Interrupt interrupt;
   Client client = connect(options.place);
   const std::uint64_t cells = client.map(options.map).cells;
@@ -81,7 +81,7 @@ void convert_in_server(const Options& options, const CellForm& form, const Conso
   throw_unless_succeeded(job);
 }
 
-void convert_map(const Options& options, const Console& console) {
+void convert_map(const MapsArguments& options, const Console& console) {
   const auto form = options.form.form();
   if (!form) {
     throw Error(ErrorCode::kInvalidArgument, "--encoding raw, packed or compact is needed");
@@ -99,7 +99,7 @@ void convert_map(const Options& options, const Console& console) {
   show_map(options, console);
 }
 
-void show_map(const Options& options, const Console& console) {
+void show_map(const MapsArguments& options, const Console& console) {
   const MapInfo map = open_reader(options.place)->map(options.map);
   console.print(client::to_json(map), map_text(map));
 }
@@ -123,16 +123,16 @@ void show_difference(const std::vector<std::string>& files, const Console& conso
              static_cast<unsigned long long>(found.revisions[1])));
 }
 
-void show_info(const Options& options, const Console& console) {
+void show_info(const MapsArguments& options, const Console& console) {
   if (!options.diff.empty()) return show_difference(options.diff, console);
-  Options of_map = options;
+  MapsArguments of_map = options;
   if (of_map.map.empty() && !of_map.place.archive.empty()) {
     of_map.map = open_reader(of_map.place)->maps().front().name;
   }
   show_map(of_map, console);
 }
 
-Georeference georeference_of(const Options& options) {
+Georeference georeference_of(const MapsArguments& options) {
   const auto place = parse_numbers<3>("--origin", "latitude,longitude,height", options.origin);
   Georeference georeference{place[0], place[1], place[2], Eigen::Matrix3d::Identity()};
   // A heading turns clockwise from north, angles about the vertical counter-clockwise from east.
@@ -142,7 +142,7 @@ Georeference georeference_of(const Options& options) {
   return georeference;
 }
 
-void set_georeference(const Options& options, const Console& console) {
+void set_georeference(const MapsArguments& options, const Console& console) {
   if (options.origin.empty() != options.clear) {
     throw Error(ErrorCode::kInvalidArgument, "give either --origin or --clear");
   }
@@ -156,7 +156,7 @@ void set_georeference(const Options& options, const Console& console) {
   show_map(options, console);
 }
 
-CellQuery query_of(const Options& options) {
+CellQuery cell_query(const MapsArguments& options) {
   CellQuery query;
   query.limit = options.limit;
   query.since = options.since;
@@ -177,9 +177,9 @@ CellQuery query_of(const Options& options) {
   return query;
 }
 
-void list_cells(const Options& options, const Console& console) {
+void list_cells(const MapsArguments& options, const Console& console) {
   const auto reader = open_reader(options.place);
-  CellQuery query = query_of(options);
+  CellQuery query = cell_query(options);
   CellPage page = reader->cells(options.map, query);
   while (options.all && !page.next_cursor.empty()) {
     query.cursor = page.next_cursor;
@@ -202,7 +202,7 @@ void list_cells(const Options& options, const Console& console) {
 }
 
 void add_list(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<MapsArguments>();
   CLI::App* list =
       verbs.add(app, "maps", "List the maps; make, place or delete one",
                 "  cellmap maps --server http://127.0.0.1:8080\n"
@@ -212,7 +212,7 @@ void add_list(CLI::App& app, Verbs& verbs) {
                 [options](const Console& console) { list_maps(*options, console); });
   add_place_options(*list, options->place, true, true);
 
-  const auto created = std::make_shared<Options>();
+  const auto created = std::make_shared<MapsArguments>();
   CLI::App* create = verbs.add(*list, "create", "Make an empty map",
                                "  cellmap maps create town --server http://127.0.0.1:8080\n",
                                [created](const Console& c) { create_map(*created, c); });
@@ -227,7 +227,7 @@ void add_list(CLI::App& app, Verbs& verbs) {
   add_form_flags(*create, created->form, "How its CELLs are kept; without it raw");
   add_place_options(*create, created->place, true);
 
-  const auto converted = std::make_shared<Options>();
+  const auto converted = std::make_shared<MapsArguments>();
   CLI::App* convert = verbs.add(
       *list, "convert", "Keep a map's CELLs in other bytes, also those to come",
       "  cellmap maps convert town --encoding compact --bound 20mm --server URL\n"
@@ -239,14 +239,14 @@ void add_list(CLI::App& app, Verbs& verbs) {
   add_form_flags(*convert, converted->form, "How CELLs are kept");
   add_place_options(*convert, converted->place, true);
 
-  const auto deleted = std::make_shared<Options>();
+  const auto deleted = std::make_shared<MapsArguments>();
   CLI::App* remove = verbs.add(*list, "delete", "Delete a map with everything in it",
                                "  cellmap maps delete town --server http://127.0.0.1:8080\n",
                                [deleted](const Console& c) { delete_map(*deleted, c); });
   remove->add_option("MAP", deleted->map, "Its name")->required();
   add_place_options(*remove, deleted->place, true);
 
-  const auto placed = std::make_shared<Options>();
+  const auto placed = std::make_shared<MapsArguments>();
   CLI::App* georeference =
       verbs.add(*list, "georeference", "Say where a map lies on Earth",
                 "  cellmap maps georeference town --origin 49.0114,8.4204,116.4 --heading 32.5 "
@@ -271,7 +271,7 @@ void add_list(CLI::App& app, Verbs& verbs) {
 void add_maps(CLI::App& app, Verbs& verbs) {
   add_list(app, verbs);
 
-  const auto shown = std::make_shared<Options>();
+  const auto shown = std::make_shared<MapsArguments>();
   CLI::App* info = verbs.add(app, "info", "A map's summary: counts, bytes, bounds",
                              "  cellmap info town --server http://127.0.0.1:8080\n"
                              "  cellmap info town --store map.db --json\n"
@@ -287,7 +287,7 @@ void add_maps(CLI::App& app, Verbs& verbs) {
   });
   add_place_options(*info, shown->place, true, true);
 
-  const auto listed = std::make_shared<Options>();
+  const auto listed = std::make_shared<MapsArguments>();
   CLI::App* cells = verbs.add(app, "cells", "List CELLs by their current poses",
                               "  cellmap cells town --near \"10,-3,0\" --radius 20 --server URL\n"
                               "  cellmap cells town --bbox \"0,0,-5,50,50,5\" --store map.db\n",

@@ -11,13 +11,13 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct MergeArguments {
   Place place;
   std::string map, from, into;
   std::set<std::string> sessions;
 };
 
-void merge(const Options& options, const Console& console) {
+void merge(const MergeArguments& options, const Console& console) {
   const Interrupt interrupt;
   Client client = connect(options.place);
   Job job = client.merge(options.map, options.from, options.sessions);
@@ -40,7 +40,7 @@ void merge(const Options& options, const Console& console) {
   console.print({{"job", client::to_json(job)}, {"sessions", sessions}}, text);
 }
 
-void split(const Options& options, const Console& console) {
+void split(const MergeArguments& options, const Console& console) {
   const MapInfo map = connect(options.place).split(options.map, options.sessions, options.into);
   console.print(client::to_json(map), map_text(map));
 }
@@ -48,7 +48,7 @@ void split(const Options& options, const Console& console) {
 }  // namespace
 
 void add_merge(CLI::App& app, Verbs& verbs) {
-  const auto merged = std::make_shared<Options>();
+  const auto merged = std::make_shared<MergeArguments>();
   CLI::App* verb = verbs.add(
       app, "merge", "Copy the sessions of another map into a map and join them to it",
       "  cellmap merge town --from east-wing --server http://127.0.0.1:8080\n"
@@ -60,7 +60,7 @@ void add_merge(CLI::App& app, Verbs& verbs) {
       ->delimiter(',');
   add_place_options(*verb, merged->place, false);
 
-  const auto divided = std::make_shared<Options>();
+  const auto divided = std::make_shared<MergeArguments>();
   CLI::App* division =
       verbs.add(app, "split", "Move sessions of a map into a new map",
                 "  cellmap split town --sessions robot3 --into basement --server URL\n"

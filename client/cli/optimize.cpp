@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uintmax_t kLargestFile = 1u << 30;
 
-struct Options {
+struct OptimizeArguments {
   std::string in, out, information = "g2o";
   bool best_start = false, least_squares = false, graduated = false;
 };
@@ -37,7 +37,7 @@ std::string read_bounded(const std::string& file) {
   return std::move(text).str();
 }
 
-PoseGraphOptions optimisation(const Options& options) {
+PoseGraphOptions optimisation(const OptimizeArguments& options) {
   PoseGraphOptions result;
   if (options.best_start) result.start = GraphStart::kBest;
   if (options.least_squares) result.loop_loss_scale = 0;
@@ -59,7 +59,7 @@ client::Json loops_of(const PoseGraph& graph) {
   return loops;
 }
 
-void run(const Options& options, const Console& console) {
+void run_optimize(const OptimizeArguments& options, const Console& console) {
   const auto meaning = options.information == "ceres" ? G2oInformation::kCeresExample
                                                       : G2oInformation::kRightPerturbation;
   PoseGraph graph = pose_graph_from_g2o(read_bounded(options.in), meaning);
@@ -90,7 +90,7 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_optimize(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<OptimizeArguments>();
   CLI::App* verb =
       verbs.add(app, "optimize",
                 "Solve a pose graph given as g2o; loops that contradict the rest are rejected",
@@ -99,7 +99,7 @@ void add_optimize(CLI::App& app, Verbs& verbs) {
                 "Edges of consecutive ids are odometry, all others loops. Planar graphs are "
                 "lifted. The cost\n"
                 "is half the chi-square of (position error, twice the quaternion's vector part).\n",
-                [options](const Console& console) { run(*options, console); });
+                [options](const Console& console) { run_optimize(*options, console); });
   verb->add_option("in", options->in, "g2o file (SE3:QUAT or SE2)")->required();
   verb->add_option("out", options->out, "g2o file to write")->required();
   verb->add_flag("--best-start", options->best_start,

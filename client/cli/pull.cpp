@@ -14,7 +14,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct PullArguments {
   Place place;
   std::string map, folder, near;
   FormFlags form;
@@ -22,7 +22,7 @@ struct Options {
   bool follow = false;
 };
 
-PullOptions pull_options(const Options& options) {
+PullOptions pull_options(const PullArguments& options) {
   constexpr double kMegabyte = 1e6;
   PullOptions pull;
   if (options.near.empty() != (options.radius_m == 0)) {
@@ -39,7 +39,7 @@ PullOptions pull_options(const Options& options) {
   return pull;
 }
 
-client::Json to_json(const PullReport& report, const Options& options) {
+client::Json to_json(const PullReport& report, const PullArguments& options) {
   return {{"folder", options.folder},
           {"from_revision", report.from},
           {"revision", report.to},
@@ -54,7 +54,7 @@ client::Json to_json(const PullReport& report, const Options& options) {
           {"started_over", report.started_over}};
 }
 
-std::string text_of(const PullReport& report, const Options& options) {
+std::string report_text(const PullReport& report, const PullArguments& options) {
   return format(
       "%s is at revision %llu (was %llu): holds %s of %s CELLs, fetched %s (%s), moved %s, "
       "evicted %s; received %s\n",
@@ -65,7 +65,7 @@ std::string text_of(const PullReport& report, const Options& options) {
       with_commas(report.evicted).c_str(), human_bytes(double(report.received_bytes)).c_str());
 }
 
-void pull_once(const Options& options, const Console& console) {
+void pull_once(const PullArguments& options, const Console& console) {
   Client client = connect(options.place);
   PullOptions pull = pull_options(options);
   PullReport report;
@@ -74,18 +74,18 @@ void pull_once(const Options& options, const Console& console) {
     pull.on_cell = [&](std::size_t done, std::size_t total) { bar.update(done, total, "CELLs"); };
     report = pull_map(client, options.map, options.folder, pull);
   }
-  console.print(to_json(report, options), text_of(report, options));
+  console.print(to_json(report, options), report_text(report, options));
 }
 
 /// One line for each pull that changed something, so that a pipe can be read line by line.
-void follow(const Options& options, const Console& console) {
+void follow_map(const PullArguments& options, const Console& console) {
   const Interrupt interrupt;
   Client client = connect(options.place);
   FollowOptions follow;
   follow.pull = pull_options(options);
   follow.on_pull = [&](const PullReport& report) {
     console.out << (console.json ? client::dump(to_json(report, options), false) + "\n"
-                                 : text_of(report, options))
+                                 : report_text(report, options))
                 << std::flush;
   };
   follow.on_away = [&](const Error& error, std::chrono::milliseconds delay) {
@@ -100,7 +100,7 @@ void follow(const Options& options, const Console& console) {
 }  // namespace
 
 void add_pull(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<PullArguments>();
   CLI::App* verb = verbs.add(
       app, "pull", "Mirror a map, or what is near a robot, into a folder; again: only what changed",
       "  cellmap pull town town-mirror --server http://127.0.0.1:8080\n"
@@ -113,7 +113,7 @@ void add_pull(CLI::App& app, Verbs& verbs) {
       "waits\n"
       "for a server that is away.\n",
       [options](const Console& console) {
-        options->follow ? follow(*options, console) : pull_once(*options, console);
+        options->follow ? follow_map(*options, console) : pull_once(*options, console);
       });
   verb->add_option("MAP", options->map, "Name of the map")->required();
   verb->add_option("DIR,--out", options->folder, "Folder of the mirror")->required();

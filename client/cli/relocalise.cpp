@@ -15,20 +15,20 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct RelocaliseArguments {
   Place place;
   std::string scan, map, prior, truth, truth_row;
   double radius_m = 10, yaw_range_deg = 20;
   int threads = 1;
 };
 
-std::optional<PosePrior> prior_of(const Options& options) {
+std::optional<PosePrior> prior_of(const RelocaliseArguments& options) {
   if (options.prior.empty()) return std::nullopt;
   return PosePrior{parse_pose("--prior", options.prior), options.radius_m,
                    options.yaw_range_deg * std::numbers::pi / 180};
 }
 
-std::optional<Pose> truth_of(const Options& options) {
+std::optional<Pose> truth_of(const RelocaliseArguments& options) {
   if (!options.truth.empty()) return parse_pose("--truth", options.truth);
   if (options.truth_row.empty()) return std::nullopt;
   return pose_from_row_major_3x4(
@@ -79,7 +79,7 @@ std::string answer_text(const Relocalisation& relocalisation) {
                        relocalisation.time_ms);
 }
 
-bool is_cell(const Options& options) {
+bool is_cell(const RelocaliseArguments& options) {
   return std::filesystem::path(options.scan).extension() == ".cell";
 }
 
@@ -90,7 +90,7 @@ EncodedCell read_cell(const std::string& file) {
   return {hash, *std::move(bytes)};
 }
 
-RelocalisationQuery query_of(const Options& options) {
+RelocalisationQuery relocalisation_query(const RelocaliseArguments& options) {
   if (!is_cell(options)) {
     return RelocalisationQuery::from_scan(filter_scan(read_scan(options.scan), 0, {}).points);
   }
@@ -98,9 +98,9 @@ RelocalisationQuery query_of(const Options& options) {
   return RelocalisationQuery::from_cell(cell, Lattice(cell.lattice));
 }
 
-Relocalisation ask(const Options& options, const std::optional<PosePrior>& prior) {
+Relocalisation ask(const RelocaliseArguments& options, const std::optional<PosePrior>& prior) {
   if (options.place.is_offline()) {
-    RelocalisationQuery query = query_of(options);
+    RelocalisationQuery query = relocalisation_query(options);
     query.prior = prior;
     return relocalise_offline(*open_reader(options.place), options.map, query, options.threads);
   }
@@ -109,7 +109,7 @@ Relocalisation ask(const Options& options, const std::optional<PosePrior>& prior
                           : client.relocalise(options.map, read_scan(options.scan), prior);
 }
 
-void run(const Options& options, const Console& console) {
+void run_relocalise(const RelocaliseArguments& options, const Console& console) {
   const auto prior = prior_of(options);
   const auto truth = truth_of(options);
   const Relocalisation answer = ask(options, prior);
@@ -129,14 +129,14 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_relocalise(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<RelocaliseArguments>();
   CLI::App* verb =
       verbs.add(app, "relocalise", "Find where in a map a scan was taken, or a CELL built",
                 "  cellmap relocalise scan.bin --server http://127.0.0.1:8080 --map town\n"
                 "  cellmap relocalise scan.pcd --store map.db --map town --prior \"10 2 0 0 0 0 "
                 "1\" --radius 5\n"
                 "\"Not found\" is an answer: exit code 0, and \"found\": false with --json.\n",
-                [options](const Console& console) { run(*options, console); });
+                [options](const Console& console) { run_relocalise(*options, console); });
   verb->add_option("SCAN", options->scan,
                    "One scan: .bin (KITTI), .pcd or .ply; or a CELL of the map's lattice: .cell")
       ->required();

@@ -37,13 +37,13 @@ std::string find_cellmapd() {
                                         "): it is neither beside this program nor on the PATH");
 }
 
-struct Options {
+struct ServeArguments {
   std::string config, store, listen = "127.0.0.1:8080", log_level, threads, tokens, audit;
   std::vector<std::string> data_roots;
   bool insecure = false;
 };
 
-std::vector<std::string> server_arguments(const Options& options) {
+std::vector<std::string> server_arguments(const ServeArguments& options) {
   std::vector<std::string> arguments = {"--store", options.store, "--listen", options.listen};
   const auto pass = [&](const char* flag, const std::string& value) {
     if (!value.empty()) arguments.insert(arguments.end(), {flag, value});
@@ -63,7 +63,7 @@ std::vector<std::string> server_arguments(const Options& options) {
 }  // namespace
 
 void add_serve(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<ServeArguments>();
   CLI::App* verb =
       verbs.add(app, "serve", "Start the server (cellmapd) in place of this process",
                 "  cellmap serve --store map.db --listen 127.0.0.1:8080\n"

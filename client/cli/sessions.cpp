@@ -9,12 +9,12 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct SessionsArguments {
   Place place;
   std::string map, deleted;
 };
 
-void list(const Options& options, const Console& console) {
+void list_sessions(const SessionsArguments& options, const Console& console) {
   if (!options.deleted.empty()) connect(options.place).delete_session(options.map, options.deleted);
   client::Json json = client::Json::array();
   std::string text;
@@ -28,11 +28,11 @@ void list(const Options& options, const Console& console) {
 }  // namespace
 
 void add_sessions(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<SessionsArguments>();
   CLI::App* verb =
       verbs.add(app, "sessions", "The drives in a map, and which are in its frame; delete one",
                 "  cellmap sessions town --server http://127.0.0.1:8080\n",
-                [options](const Console& console) { list(*options, console); });
+                [options](const Console& console) { list_sessions(*options, console); });
   verb->add_option("MAP", options->map, "Name of the map")->required();
   verb->add_option("--delete", options->deleted,
                    "First remove this one with its CELLs; older revisions can then not be read");

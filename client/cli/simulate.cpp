@@ -11,13 +11,13 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct SimulateArguments {
   SimulatorOptions simulator;
   std::string lidar = "hdl64e", frame = "auto", out;
   std::optional<int> beams, columns;
 };
 
-SimulatorOptions simulator_options(const Options& options) {
+SimulatorOptions simulator_options(const SimulateArguments& options) {
   SimulatorOptions simulator = options.simulator;
   simulator.lidar = LidarModel::by_name(options.lidar);
   if (options.beams) simulator.lidar.beams = *options.beams;
@@ -28,7 +28,7 @@ SimulatorOptions simulator_options(const Options& options) {
   return simulator;
 }
 
-void run(const Options& options, const Console& console) {
+void run_simulate(const SimulateArguments& options, const Console& console) {
   const Interrupt interrupt;
   const auto source = simulate(simulator_options(options));
   {
@@ -47,14 +47,14 @@ void run(const Options& options, const Console& console) {
 }  // namespace
 
 void add_simulate(CLI::App& app, Verbs& verbs) {
-  const auto options = std::make_shared<Options>();
+  const auto options = std::make_shared<SimulateArguments>();
   CLI::App* verb = verbs.add(
       app, "simulate", "Write a simulated drive with ground truth as a KITTI-layout folder",
       "  cellmap simulate --route town --scans 300 --out drive\n"
       "  cellmap simulate --route 07.txt --odometry estimated/07.txt --out drive07\n"
       "  cellmap simulate --lateral-offset 1.5 --traffic-seed 7 --odometry truth --out "
       "another-day\n",
-      [options](const Console& console) { run(*options, console); });
+      [options](const Console& console) { run_simulate(*options, console); });
   SimulatorOptions& simulator = options->simulator;
   verb->add_option("--route", simulator.route, "town (generated, with loops) or a trajectory file")
       ->capture_default_str();

@@ -12,7 +12,7 @@ namespace {
 
 /// Three scans a CELL, and CELLs 6.45 m apart: on KITTI 00 they are, on average.
 constexpr double kSpacingM = 2.15;
-constexpr std::uint64_t kSecondDay = 77, kPoseErrors = 99;
+constexpr std::uint64_t kSecondDaySeed = 77, kPoseErrors = 99;
 
 SimulatorOptions drive_of(const TwoDays& days, bool second) {
   SimulatorOptions options;
@@ -25,7 +25,7 @@ SimulatorOptions drive_of(const TwoDays& days, bool second) {
     options.scans = static_cast<std::size_t>(std::max(2.0, days.length_m / kSpacingM));
   }
   if (second) {
-    options.traffic_seed = days.seed + kSecondDay;
+    options.traffic_seed = days.seed + kSecondDaySeed;
     options.lateral_offset_m = days.lateral_offset_m;
   }
   return options;

@@ -15,7 +15,7 @@ namespace {
 using auth::Time;
 using auth::Token;
 
-struct Options {
+struct TokenArguments {
   std::string file, name, expires;
   std::vector<std::string> scopes, maps;
   std::optional<double> rate;
@@ -40,7 +40,7 @@ Time read_expiry(const std::string& text) {
                   text + "'");
 }
 
-Token read_token(const Options& options, const std::string& secret) {
+Token read_token(const TokenArguments& options, const std::string& secret) {
   Token token;
   token.name = options.name;
   if (!auth::is_token_name(token.name)) {
@@ -77,7 +77,7 @@ std::string line_of(const Token& token) {
   return line;
 }
 
-void create(const Options& options, const Console& console) {
+void create_token(const TokenArguments& options, const Console& console) {
   const std::string secret = auth::make_secret();
   const Token token = read_token(options, secret);
   auth::add_token(options.file, token);
@@ -86,7 +86,7 @@ void create(const Options& options, const Console& console) {
   console.print(json, secret + "\n");
 }
 
-void list(const Options& options, const Console& console) {
+void list_tokens(const TokenArguments& options, const Console& console) {
   client::Json json = client::Json::array();
   std::string text;
   for (const Token& token : auth::read_token_file(options.file)) {
@@ -96,13 +96,13 @@ void list(const Options& options, const Console& console) {
   console.print({{"tokens", json}}, text.empty() ? "No tokens.\n" : text);
 }
 
-void revoke(const Options& options, const Console& console) {
+void revoke(const TokenArguments& options, const Console& console) {
   auth::remove_token(options.file, options.name);
   console.print({{"revoked", options.name}},
                 "Revoked. A running cellmapd forgets it at: systemctl reload cellmapd (SIGHUP)\n");
 }
 
-void add_file_option(CLI::App& verb, Options& options) {
+void add_file_option(CLI::App& verb, TokenArguments& options) {
   verb.add_option("--tokens", options.file, "The file that cellmapd --tokens reads")
       ->envname("CELLMAPD_TOKENS")
       ->required();
@@ -115,13 +115,13 @@ void add_token(CLI::App& app, Verbs& verbs) {
       app.add_subcommand("token", "Make, list and revoke tokens: who may do what on a server");
   group->require_subcommand(1);
 
-  const auto made = std::make_shared<Options>();
+  const auto made = std::make_shared<TokenArguments>();
   CLI::App* verb = verbs.add(
       *group, "create", "Make a token and print it, this once; the file keeps its SHA-256",
       "  cellmap token create cart-7 --tokens tokens --scope map:read,map:write --expires 90d\n"
       "  cellmap token create guest --tokens tokens --scope relocalise --maps town --rate 2\n"
       "A running cellmapd learns of it at: systemctl reload cellmapd (SIGHUP)\n",
-      [made](const Console& console) { create(*made, console); });
+      [made](const Console& console) { create_token(*made, console); });
   verb->add_option("NAME", made->name, "Of its owner; logs say it")->required();
   add_file_option(*verb, *made);
   verb->add_option("--scope", made->scopes, "map:read, map:write, relocalise, admin")
@@ -134,13 +134,13 @@ void add_token(CLI::App& app, Verbs& verbs) {
   verb->add_option("--rate", made->rate, "Requests a second, instead of the server's limit")
       ->check(CLI::Range(0.0, 1e6));
 
-  const auto listed = std::make_shared<Options>();
+  const auto listed = std::make_shared<TokenArguments>();
   verb = verbs.add(*group, "list", "The tokens of a file, without their secrets",
                    "  cellmap token list --tokens tokens\n",
-                   [listed](const Console& console) { list(*listed, console); });
+                   [listed](const Console& console) { list_tokens(*listed, console); });
   add_file_option(*verb, *listed);
 
-  const auto revoked = std::make_shared<Options>();
+  const auto revoked = std::make_shared<TokenArguments>();
   verb = verbs.add(*group, "revoke", "Take a token out of a file",
                    "  cellmap token revoke cart-7 --tokens tokens\n",
                    [revoked](const Console& console) { revoke(*revoked, console); });

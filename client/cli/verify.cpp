@@ -21,7 +21,7 @@
 namespace cellmap::cli {
 namespace {
 
-struct Options {
+struct VerifyArguments {
   Place place;
   std::string file, source, map, out;
 };
@@ -31,7 +31,7 @@ struct Options {
 /// Looks up CELLs in the map that an archive was made of.
 class Source {
  public:
-  Source(const Options& options, const std::string& map) : map_(map) {
+  Source(const VerifyArguments& options, const std::string& map) : map_(map) {
     Place place = options.place;
     place.server.clear();
     (is_http_url(options.source) ? place.server : place.store) = options.source;
@@ -50,7 +50,7 @@ class Source {
   std::map<CellId, CellRecord> records_;
 };
 
-void verify_archive_file(const Options& options, const Console& console) {
+void verify_archive_file(const VerifyArguments& options, const Console& console) {
   const auto bytes = open_bytes(options.file, options.place);
   std::optional<Source> source;
   Displacements displacements;
@@ -87,7 +87,7 @@ Bytes read_all(const std::string& file) {
   return *std::move(bytes);
 }
 
-void verify_cell_file(const Options& options, const Console& console) {
+void verify_cell_file(const VerifyArguments& options, const Console& console) {
   const DecodedCell decoded = decode_coded_cell(read_all(options.file));
   client::Json json = {{"file", options.file},
                        {"hash", to_hex(decoded.hash)},
@@ -109,7 +109,7 @@ void verify_cell_file(const Options& options, const Console& console) {
 }
 
 /// Every CELL of a map of a store, and with a source how far its planes are from that one's.
-void verify_store_file(const Options& options, const Console& console) {
+void verify_store_file(const VerifyArguments& options, const Console& console) {
   SqliteStoreOptions read_only;
   read_only.read_only = true;
   const auto store = open_sqlite_store(options.file, read_only);
@@ -140,7 +140,7 @@ void verify_store_file(const Options& options, const Console& console) {
   require_kept(displacements, "the map");
 }
 
-void verify(const Options& options, const Console& console) {
+void verify(const VerifyArguments& options, const Console& console) {
   const Bytes begin = open_bytes(options.file, options.place)->read(0, 8);
   const std::string_view text = client::as_text(begin);
   if (text == "SQLite f") return verify_store_file(options, console);
@@ -148,7 +148,7 @@ void verify(const Options& options, const Console& console) {
   verify_archive_file(options, console);
 }
 
-void repair(const Options& options, const Console& console) {
+void repair(const VerifyArguments& options, const Console& console) {
   if (std::filesystem::exists(options.out)) {
     throw Error(ErrorCode::kAlreadyExists,
                 "'" + options.out + "' is there already; repair writes a new file");
@@ -177,7 +177,7 @@ void repair(const Options& options, const Console& console) {
 }  // namespace
 
 void add_verify(CLI::App& app, Verbs& verbs) {
-  const auto verified = std::make_shared<Options>();
+  const auto verified = std::make_shared<VerifyArguments>();
   CLI::App* verb =
       verbs.add(app, "verify", "Check every byte of an archive, the CELLs of a map, a coded CELL",
                 "  cellmap verify town.cellmap\n"
@@ -193,7 +193,7 @@ void add_verify(CLI::App& app, Verbs& verbs) {
                    "Store file or server with the map, or the CELL that was coded");
   verb->add_option("--map", verified->map, "Its name there (default: as the archive says)");
 
-  const auto repaired = std::make_shared<Options>();
+  const auto repaired = std::make_shared<VerifyArguments>();
   CLI::App* mend =
       verbs.add(app, "repair", "Write a new archive of what is intact in a damaged one",
                 "  cellmap repair cut-off.cellmap --out town.cellmap\n",

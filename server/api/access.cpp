@@ -14,7 +14,7 @@ namespace {
 using auth::Refusal;
 using auth::Scope;
 
-struct Row {
+struct AccessRow {
   std::string_view method, pattern;
   std::optional<Scope> scope;
 };
@@ -24,61 +24,61 @@ constexpr auto kRead = Scope::kMapRead, kWrite = Scope::kMapWrite;
 
 // Open is what a load balancer or a browser asks for before it could have a token, and what holds
 // nothing of any map: state, the viewer's program, the API's description.
-constexpr std::array kTable{
-    Row{"GET", "/", kOpen},
-    Row{"GET", "/assets/{file}", kOpen},
-    Row{"GET", "/api", kOpen},
-    Row{"GET", "/api/", kOpen},
-    Row{"GET", "/healthz", kOpen},
-    Row{"GET", "/readyz", kOpen},
-    Row{"GET", "/openapi.yaml", kOpen},
-    Row{"GET", "/metrics", kRead},
-    Row{"GET", "/v1/backup", Scope::kAdmin},
-    Row{"GET", "/v1/maps", kRead},
-    Row{"POST", "/v1/maps", kWrite},
-    Row{"GET", "/v1/maps/{map}", kRead},
-    Row{"DELETE", "/v1/maps/{map}", Scope::kAdmin},
-    Row{"GET", "/v1/maps/{map}/cells", kRead},
-    Row{"GET", "/v1/maps/{map}/cells/{cell}", kRead},
-    Row{"PUT", "/v1/maps/{map}/cells/{cell}", kWrite},
-    Row{"POST", "/v1/maps/{map}/cells:batch", kRead},
-    Row{"GET", "/v1/maps/{map}/pose-graph", kRead},
-    Row{"GET", "/v1/maps/{map}/changes", kRead},
-    Row{"GET", "/v1/maps/{map}/events", kRead},
-    Row{"GET", "/v1/maps/{map}/trajectory", kRead},
-    Row{"POST", "/v1/maps/{map}/relocalise", Scope::kRelocalise},
-    Row{"GET", "/v1/maps/{map}/diff", kRead},
-    Row{"GET", "/v1/maps/{map}/loops", kRead},
-    Row{"POST", "/v1/maps/{map}/loops", kWrite},
-    Row{"GET", "/v1/maps/{map}/loops/{loop}", kRead},
-    Row{"PATCH", "/v1/maps/{map}/loops/{loop}", kWrite},
-    Row{"DELETE", "/v1/maps/{map}/loops/{loop}", kWrite},
-    Row{"GET", "/v1/maps/{map}/georeference", kRead},
-    Row{"PUT", "/v1/maps/{map}/georeference", kWrite},
-    Row{"DELETE", "/v1/maps/{map}/georeference", kWrite},
-    Row{"GET", "/v1/maps/{map}/comparison", kRead},
-    Row{"PUT", "/v1/maps/{map}/comparison", kWrite},
-    Row{"GET", "/v1/maps/{map}/archive", kRead},
-    Row{"PUT", "/v1/maps/{map}/archive", kWrite},
-    Row{"POST", "/v1/maps/{map}/convert", Scope::kAdmin},
-    Row{"POST", "/v1/maps/{map}/merge", kWrite},
-    Row{"POST", "/v1/maps/{map}/split", kWrite},
-    Row{"GET", "/v1/maps/{map}/sessions", kRead},
-    Row{"POST", "/v1/maps/{map}/sessions", kWrite},
-    Row{"GET", "/v1/maps/{map}/sessions/{session}", kRead},
-    Row{"DELETE", "/v1/maps/{map}/sessions/{session}", kWrite},
-    Row{"POST", "/v1/maps/{map}/sessions/{session}/cells:lacking", kWrite},
-    Row{"PUT", "/v1/maps/{map}/sessions/{session}/cells/{hash}", kWrite},
-    Row{"GET", "/v1/maps/{map}/sessions/{session}/scans", kRead},
-    Row{"POST", "/v1/maps/{map}/sessions/{session}/scans", kWrite},
-    Row{"POST", "/v1/maps/{map}/sessions/{session}/scans:complete", kWrite},
-    Row{"GET", "/v1/maps/{map}/jobs", kRead},
-    Row{"POST", "/v1/maps/{map}/jobs", kWrite},
-    Row{"GET", "/v1/jobs/{job}", kRead},
-    Row{"DELETE", "/v1/jobs/{job}", kWrite},
-    Row{"GET", "/v1/jobs/{job}/events", kRead},
-    Row{"PUT", "/v1/jobs/{job}/scans/{index}", kWrite},
-    Row{"POST", "/v1/jobs/{job}/complete", kWrite},
+constexpr std::array kAccessTable{
+    AccessRow{"GET", "/", kOpen},
+    AccessRow{"GET", "/assets/{file}", kOpen},
+    AccessRow{"GET", "/api", kOpen},
+    AccessRow{"GET", "/api/", kOpen},
+    AccessRow{"GET", "/healthz", kOpen},
+    AccessRow{"GET", "/readyz", kOpen},
+    AccessRow{"GET", "/openapi.yaml", kOpen},
+    AccessRow{"GET", "/metrics", kRead},
+    AccessRow{"GET", "/v1/backup", Scope::kAdmin},
+    AccessRow{"GET", "/v1/maps", kRead},
+    AccessRow{"POST", "/v1/maps", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}", kRead},
+    AccessRow{"DELETE", "/v1/maps/{map}", Scope::kAdmin},
+    AccessRow{"GET", "/v1/maps/{map}/cells", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/cells/{cell}", kRead},
+    AccessRow{"PUT", "/v1/maps/{map}/cells/{cell}", kWrite},
+    AccessRow{"POST", "/v1/maps/{map}/cells:batch", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/pose-graph", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/changes", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/events", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/trajectory", kRead},
+    AccessRow{"POST", "/v1/maps/{map}/relocalise", Scope::kRelocalise},
+    AccessRow{"GET", "/v1/maps/{map}/diff", kRead},
+    AccessRow{"GET", "/v1/maps/{map}/loops", kRead},
+    AccessRow{"POST", "/v1/maps/{map}/loops", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/loops/{loop}", kRead},
+    AccessRow{"PATCH", "/v1/maps/{map}/loops/{loop}", kWrite},
+    AccessRow{"DELETE", "/v1/maps/{map}/loops/{loop}", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/georeference", kRead},
+    AccessRow{"PUT", "/v1/maps/{map}/georeference", kWrite},
+    AccessRow{"DELETE", "/v1/maps/{map}/georeference", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/comparison", kRead},
+    AccessRow{"PUT", "/v1/maps/{map}/comparison", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/archive", kRead},
+    AccessRow{"PUT", "/v1/maps/{map}/archive", kWrite},
+    AccessRow{"POST", "/v1/maps/{map}/convert", Scope::kAdmin},
+    AccessRow{"POST", "/v1/maps/{map}/merge", kWrite},
+    AccessRow{"POST", "/v1/maps/{map}/split", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/sessions", kRead},
+    AccessRow{"POST", "/v1/maps/{map}/sessions", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/sessions/{session}", kRead},
+    AccessRow{"DELETE", "/v1/maps/{map}/sessions/{session}", kWrite},
+    AccessRow{"POST", "/v1/maps/{map}/sessions/{session}/cells:lacking", kWrite},
+    AccessRow{"PUT", "/v1/maps/{map}/sessions/{session}/cells/{hash}", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/sessions/{session}/scans", kRead},
+    AccessRow{"POST", "/v1/maps/{map}/sessions/{session}/scans", kWrite},
+    AccessRow{"POST", "/v1/maps/{map}/sessions/{session}/scans:complete", kWrite},
+    AccessRow{"GET", "/v1/maps/{map}/jobs", kRead},
+    AccessRow{"POST", "/v1/maps/{map}/jobs", kWrite},
+    AccessRow{"GET", "/v1/jobs/{job}", kRead},
+    AccessRow{"DELETE", "/v1/jobs/{job}", kWrite},
+    AccessRow{"GET", "/v1/jobs/{job}/events", kRead},
+    AccessRow{"PUT", "/v1/jobs/{job}/scans/{index}", kWrite},
+    AccessRow{"POST", "/v1/jobs/{job}/complete", kWrite},
 };
 
 Response unauthenticated(const std::string& detail, const std::string& error) {
@@ -106,7 +106,7 @@ Response too_many(double wait_s) {
 }  // namespace
 
 std::optional<Scope> scope_of(std::string_view method, std::string_view pattern) {
-  for (const Row& row : kTable) {
+  for (const AccessRow& row : kAccessTable) {
     if (row.method == method && row.pattern == pattern) return row.scope;
   }
   throw Error(ErrorCode::kInternal, "The table of scopes lacks " + std::string(method) + " " +

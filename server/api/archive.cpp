@@ -104,7 +104,7 @@ class ArchiveFiles {
   std::list<Entry> kept_;  ///< most recent first
 };
 
-Response get(Services& services, ArchiveFiles& files, const Call& call) {
+Response get_archive(Services& services, ArchiveFiles& files, const Call& call) {
   const auto& map = call.path("map");
   const ArchiveOptions options = read_options(services, call);
   const std::string now = etag_of(footer_now(services.store, map), options);
@@ -137,7 +137,7 @@ Response get(Services& services, ArchiveFiles& files, const Call& call) {
   return response;
 }
 
-Response put(Services& services, const Call& call) {
+Response put_archive(Services& services, const Call& call) {
   const auto& map = call.path("map");
   validate_map_name(map);
   call.content_type({kArchiveType});
@@ -160,14 +160,14 @@ void add_archive_routes(Router& router, Services& services) {
               {"encoding", "bound"},
               0,
               {kArchiveType},
-              [&, files](const Call& call) { return get(services, *files, call); },
+              [&, files](const Call& call) { return get_archive(services, *files, call); },
               true});
   router.add({"PUT",
               path,
               {},
               services.options.max_archive_bytes,
               {"application/json"},
-              [&](const Call& call) { return put(services, call); },
+              [&](const Call& call) { return put_archive(services, call); },
               true,
               true});
 }

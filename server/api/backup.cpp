@@ -19,7 +19,7 @@ namespace {
 
 constexpr const char* kType = "application/vnd.sqlite3";
 constexpr const char* kFileName = "cellmap-backup.db";
-constexpr std::chrono::seconds kPatience{10};
+constexpr std::chrono::seconds kBackupPatience{10};
 
 /// The backup that is being fetched, in parts, in a file without a name. There is one at a time,
 /// since each takes as much disk as the store; its last byte or the next backup ends it. Thread
@@ -33,7 +33,7 @@ class BackupFile {
 
   /// What is there under this condition, else, without one, a new backup.
   Entry open(Services& services, const std::optional<std::string>& if_match) {
-    const std::unique_lock lock(mutex_, kPatience);
+    const std::unique_lock lock(mutex_, kBackupPatience);
     if (!lock) throw Error(ErrorCode::kUnavailable, "Another backup is being made; try again.");
     if (if_match) {
       if (kept_.file && matches_etag(*if_match, std::array{kept_.etag})) return kept_;
@@ -61,7 +61,7 @@ class BackupFile {
   Entry kept_;
 };
 
-Response get(Services& services, BackupFile& backup, const Call& call) {
+Response get_backup(Services& services, BackupFile& backup, const Call& call) {
   const auto [etag, file] = backup.open(services, call.header("If-Match"));
   Response response;
   response.headers.set("ETag", etag);
@@ -87,7 +87,7 @@ void add_backup_route(Router& router, Services& services) {
               {},
               0,
               {kType},
-              [&, backup](const Call& call) { return get(services, *backup, call); },
+              [&, backup](const Call& call) { return get_backup(services, *backup, call); },
               true});
 }
 

@@ -17,7 +17,7 @@ namespace cellmap::server {
 namespace {
 
 constexpr const char* kCellsType = "application/vnd.cellmap.cells";
-constexpr std::size_t kMaxBody = 8u << 20;
+constexpr std::size_t kMaxBatchBody = 8u << 20;
 constexpr std::size_t kMaxAnswer = 64u << 20;
 
 struct Batch {
@@ -136,7 +136,7 @@ void add_cell_batch_route(Router& router, Services& services) {
   router.add({"POST",
               "/v1/maps/{map}/cells:batch",
               {},
-              kMaxBody,
+              kMaxBatchBody,
               {},
               [&services, coded_cells = std::make_shared<CodedCells>(services.store)](
                   const Call& call) { return batch_cells(services, *coded_cells, call); }});

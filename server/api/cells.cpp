@@ -48,7 +48,7 @@ CellQuery read_query(const Call& call) {
   return query;
 }
 
-Response list(Services& services, const Call& call) {
+Response list_cells(Services& services, const Call& call) {
   const CellPage page = services.store.cells(call.path("map"), read_query(call));
   Json cells = Json::array();
   for (const auto& cell : page.cells) cells.push_back(to_json(cell));
@@ -168,7 +168,7 @@ Response coded_cell(CodedCells& coded_cells, const Call& call, const CellRecord&
   return ranged(call, std::move(response), bytes, form.is_coarse ? coarse : bytes->size(), tag);
 }
 
-Response get(Services& services, CodedCells& coded_cells, const Call& call) {
+Response get_cell(Services& services, CodedCells& coded_cells, const Call& call) {
   const std::vector<std::string> types{kCellType, "application/json", kCodedCellType};
   const auto type = negotiate(call.header("Accept"), types);
   if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
@@ -204,7 +204,7 @@ Response get(Services& services, CodedCells& coded_cells, const Call& call) {
   const StoredCell stored =
       remembered ? remembered->stored : services.store.stored_cell(map, record.id);
   // Converted between the two reads: what was said above is of another content.
-  if (stored.hash != record.hash) return get(services, coded_cells, call);
+  if (stored.hash != record.hash) return get_cell(services, coded_cells, call);
   say_bound(response, stored.form);
   if (!as_json) return binary_cell(call, stored, tags, std::move(response));
   response.headers.set("Content-Type", "application/json");
@@ -259,7 +259,7 @@ KeptCell kept_cell(const std::string& type, const std::string& body, const CellF
   return keep_cell(std::move(cell), form, EncodedCell{hash, std::move(bytes)});
 }
 
-Response put(Services& services, const Call& call) {
+Response put_cell(Services& services, const Call& call) {
   const auto& map = call.path("map");
   const auto state = services.maps.open(map);
   const CellId id{call.path_id("cell")};
@@ -305,14 +305,15 @@ void add_cell_routes(Router& router, Services& services) {
               {"near", "radius", "bbox", "since", "session", "limit", "cursor"},
               0,
               json,
-              [&](const Call& call) { return list(services, call); }});
+              [&](const Call& call) { return list_cells(services, call); }});
   const std::string one = "/v1/maps/{map}/cells/{cell}";
   const auto coded_cells = std::make_shared<CodedCells>(services.store);
   router.add({"GET", one, {"hash"}, 0, {}, [&services, coded_cells](const Call& call) {
-                return get(services, *coded_cells, call);
+                return get_cell(services, *coded_cells, call);
               }});
-  router.add(
-      {"PUT", one, {}, kMaxCellBytes, json, [&](const Call& call) { return put(services, call); }});
+  router.add({"PUT", one, {}, kMaxCellBytes, json, [&](const Call& call) {
+                return put_cell(services, call);
+              }});
 }
 
 }  // namespace cellmap::server

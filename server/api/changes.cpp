@@ -161,7 +161,7 @@ std::optional<Revision> last_event_id(const Call& call) {
   return *revision;
 }
 
-Response events(Services& services, const Call& call) {
+Response changes_events(Services& services, const Call& call) {
   const auto last = last_event_id(call);
   Response response;
   response.headers.set("Content-Type", "text/event-stream");
@@ -191,7 +191,7 @@ void add_change_routes(Router& router, Services& services) {
               {},
               0,
               {"text/event-stream"},
-              [&](const Call& call) { return events(services, call); },
+              [&](const Call& call) { return changes_events(services, call); },
               true});
 }
 

@@ -13,7 +13,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 1u << 20;
+constexpr std::size_t kMaxComparisonBody = 1u << 20;
 constexpr std::size_t kMaxRows = 500, kMaxTextBytes = 512;
 constexpr std::uint64_t kMaxCount = std::uint64_t{1} << 53;
 constexpr char kDocument[] = "comparison";
@@ -80,7 +80,7 @@ void check_comparison(const Json& json) {
   for (const Json& row : *rows) check_row(row);
 }
 
-Response get(Services& services, const Call& call) {
+Response get_comparison(Services& services, const Call& call) {
   const auto text = documents_of(services.store).document(call.path("map"), kDocument);
   if (!text) {
     throw Error(ErrorCode::kNotFound,
@@ -89,7 +89,7 @@ Response get(Services& services, const Call& call) {
   return json_response(Json::parse(*text));
 }
 
-Response put(Services& services, const Call& call) {
+Response put_comparison(Services& services, const Call& call) {
   const Json json = call.json();
   check_comparison(json);
   documents_of(services.store).put_document(call.path("map"), kDocument, dump(json));
@@ -101,9 +101,11 @@ Response put(Services& services, const Call& call) {
 void add_comparison_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string path = "/v1/maps/{map}/comparison";
-  router.add({"GET", path, {}, 0, json, [&](const Call& call) { return get(services, call); }});
   router.add(
-      {"PUT", path, {}, kMaxBody, json, [&](const Call& call) { return put(services, call); }});
+      {"GET", path, {}, 0, json, [&](const Call& call) { return get_comparison(services, call); }});
+  router.add({"PUT", path, {}, kMaxComparisonBody, json, [&](const Call& call) {
+                return put_comparison(services, call);
+              }});
 }
 
 }  // namespace cellmap::server

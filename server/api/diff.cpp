@@ -104,7 +104,7 @@ void require_bounded(std::size_t pairs) {
                                         "; ask for a part of the map with near=x,y,z&radius=300.");
 }
 
-Response get(Services& services, const Call& call) {
+Response get_diff(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const Question question = read_question(call);
   for (const auto& name : question.sessions) require_aligned(services.store, state->name(), name);
@@ -144,7 +144,7 @@ void add_diff_route(Router& router, Services& services) {
               {"sessions", "near", "radius", "patches"},
               0,
               {"application/json"},
-              [&](const Call& call) { return get(services, call); },
+              [&](const Call& call) { return get_diff(services, call); },
               true});
 }
 

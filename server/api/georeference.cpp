@@ -8,7 +8,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 16u << 10;
+constexpr std::size_t kMaxGeoreferenceBody = 16u << 10;
 
 /// The quaternion goes the way of a pose, which checks and normalises it.
 Georeference read_georeference(const Json& json) {
@@ -31,7 +31,7 @@ Georeference read_georeference(const Json& json) {
   return georeference;
 }
 
-Response get(Services& services, const Call& call) {
+Response get_georeference(Services& services, const Call& call) {
   const MapInfo map = services.store.map(call.path("map"));
   if (!map.georeference) {
     throw Error(ErrorCode::kNotFound, "It is not known where this map lies on Earth.");
@@ -39,13 +39,13 @@ Response get(Services& services, const Call& call) {
   return json_response(to_json(*map.georeference));
 }
 
-Response put(Services& services, const Call& call) {
+Response put_georeference(Services& services, const Call& call) {
   const Georeference georeference = read_georeference(call.json());
   services.store.set_georeference(call.path("map"), georeference);
   return json_response(to_json(georeference));
 }
 
-Response remove(Services& services, const Call& call) {
+Response remove_georeference(Services& services, const Call& call) {
   services.store.set_georeference(call.path("map"), {});
   Response response;
   response.status = 204;
@@ -57,10 +57,15 @@ Response remove(Services& services, const Call& call) {
 void add_georeference_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string path = "/v1/maps/{map}/georeference";
-  router.add({"GET", path, {}, 0, json, [&](const Call& call) { return get(services, call); }});
-  router.add(
-      {"PUT", path, {}, kMaxBody, json, [&](const Call& call) { return put(services, call); }});
-  router.add({"DELETE", path, {}, 0, {}, [&](const Call& call) { return remove(services, call); }});
+  router.add({"GET", path, {}, 0, json, [&](const Call& call) {
+                return get_georeference(services, call);
+              }});
+  router.add({"PUT", path, {}, kMaxGeoreferenceBody, json, [&](const Call& call) {
+                return put_georeference(services, call);
+              }});
+  router.add({"DELETE", path, {}, 0, {}, [&](const Call& call) {
+                return remove_georeference(services, call);
+              }});
 }
 
 }  // namespace cellmap::server

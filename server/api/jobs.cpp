@@ -20,13 +20,13 @@ constexpr std::size_t kMaxScanBody = 33u << 20;
 
 JobId job_id(const Call& call) { return JobId{call.path_id("job")}; }
 
-Response list(Services& services, const Call& call) {
+Response list_jobs(Services& services, const Call& call) {
   Json jobs = Json::array();
   for (const auto& job : services.jobs.jobs(call.path("map"))) jobs.push_back(to_json(job));
   return json_response({{"jobs", std::move(jobs)}});
 }
 
-Response create(Services& services, const Call& call) {
+Response create_job(Services& services, const Call& call) {
   validate_map_name(call.path("map"));
   const JobView job = services.jobs.submit(call.path("map"), call.json());
   Response response = json_response(to_json(job), 202);
@@ -83,7 +83,7 @@ Response put_scan(Services& services, const Call& call) {
   return response;
 }
 
-Response complete(Services& services, const Call& call) {
+Response complete_job(Services& services, const Call& call) {
   const JobId id = job_id(call);
   if (auto refused = scans_missing(call, services.jobs.job(id).next_scan)) {
     return *std::move(refused);
@@ -122,7 +122,7 @@ class Events {
   std::chrono::steady_clock::time_point last_{};
 };
 
-Response events(Services& services, const Call& call) {
+Response job_events(Services& services, const Call& call) {
   const JobId id = job_id(call);
   services.jobs.job(id);
   Response response;
@@ -140,9 +140,10 @@ Response events(Services& services, const Call& call) {
 void add_job_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string of_map = "/v1/maps/{map}/jobs", one = "/v1/jobs/{job}";
-  router.add({"GET", of_map, {}, 0, json, [&](const Call& call) { return list(services, call); }});
+  router.add(
+      {"GET", of_map, {}, 0, json, [&](const Call& call) { return list_jobs(services, call); }});
   router.add({"POST", of_map, {}, kMaxJobBody, json, [&](const Call& call) {
-                return create(services, call);
+                return create_job(services, call);
               }});
   router.add({"POST", "/v1/maps/{map}/convert", {}, kMaxJobBody, json, [&](const Call& call) {
                 return create_convert(services, call);
@@ -161,13 +162,13 @@ void add_job_routes(Router& router, Services& services) {
               {},
               0,
               {"text/event-stream"},
-              [&](const Call& call) { return events(services, call); },
+              [&](const Call& call) { return job_events(services, call); },
               true});
   router.add({"PUT", one + "/scans/{index}", {}, kMaxScanBody, {}, [&](const Call& call) {
                 return put_scan(services, call);
               }});
   router.add({"POST", one + "/complete", {"scans"}, 1024, json, [&](const Call& call) {
-                return complete(services, call);
+                return complete_job(services, call);
               }});
 }
 

@@ -18,7 +18,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 64u << 10;
+constexpr std::size_t kMaxLoopBody = 64u << 10;
 
 /// What a posted loop is believed to without an information matrix.
 constexpr double kDefaultSigma_m = 0.1;
@@ -36,7 +36,7 @@ struct LoopRequest {
   Constraint measured;  ///< where `detect` is not set
 };
 
-LoopRequest read_request(const Json& json) {
+LoopRequest read_loop_request(const Json& json) {
   ObjectReader reader(json, "the loop");
   const auto detect = reader.integer("detect", UINT32_MAX);
   const auto from = reader.integer("from", UINT32_MAX), to = reader.integer("to", UINT32_MAX);
@@ -186,14 +186,14 @@ Json explanation(const PoseGraph& graph, ConstraintId id) {
   return json;
 }
 
-Response list(Services& services, const Call& call) {
+Response list_loops(Services& services, const Call& call) {
   const auto graph = services.maps.open(call.path("map"))->graph();
   Json loops = Json::array();
   for (const auto& loop : loops_of(*graph)) loops.push_back(to_json(loop));
   return json_response({{"revision", graph->revision}, {"loops", std::move(loops)}});
 }
 
-Response get(Services& services, const Call& call) {
+Response get_loop(Services& services, const Call& call) {
   const ConstraintId id{call.path_id("loop")};
   return json_response(explanation(*services.maps.open(call.path("map"))->graph(), id));
 }
@@ -220,7 +220,8 @@ Response pin(Services& services, ConstraintId id, bool pinned,
   return json_response(json);
 }
 
-Response remove(Services& services, ConstraintId id, const std::shared_ptr<const MapState>& state) {
+Response remove_loop(Services& services, ConstraintId id,
+                     const std::shared_ptr<const MapState>& state) {
   const std::lock_guard lock(state->writer());
   const auto graph = state->graph();
   check_loop(*graph, id);
@@ -237,14 +238,15 @@ Response remove(Services& services, ConstraintId id, const std::shared_ptr<const
 void add_loop_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string all = "/v1/maps/{map}/loops", one = "/v1/maps/{map}/loops/{loop}";
-  router.add({"GET", all, {}, 0, json, [&](const Call& call) { return list(services, call); }});
-  router.add({"POST", all, {}, kMaxBody, json, [&](const Call& call) {
+  router.add(
+      {"GET", all, {}, 0, json, [&](const Call& call) { return list_loops(services, call); }});
+  router.add({"POST", all, {}, kMaxLoopBody, json, [&](const Call& call) {
                 const auto state = services.maps.open(call.path("map"));
-                const LoopRequest request = read_request(call.json());
+                const LoopRequest request = read_loop_request(call.json());
                 return redo_a_few_times([&] { return add(services, request, state); });
               }});
-  router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
-  router.add({"PATCH", one, {}, kMaxBody, json, [&](const Call& call) {
+  router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get_loop(services, call); }});
+  router.add({"PATCH", one, {}, kMaxLoopBody, json, [&](const Call& call) {
                 const auto state = services.maps.open(call.path("map"));
                 const bool pinned = read_pin(call.json());
                 const ConstraintId id{call.path_id("loop")};
@@ -253,7 +255,7 @@ void add_loop_routes(Router& router, Services& services) {
   router.add({"DELETE", one, {}, 0, json, [&](const Call& call) {
                 const auto state = services.maps.open(call.path("map"));
                 const ConstraintId id{call.path_id("loop")};
-                return redo_a_few_times([&] { return remove(services, id, state); });
+                return redo_a_few_times([&] { return remove_loop(services, id, state); });
               }});
 }
 

@@ -7,9 +7,9 @@
 namespace cellmap::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 64u << 10;
+constexpr std::size_t kMaxMapBody = 64u << 10;
 
-Response list(Services& services, const Call& call) {
+Response list_maps(Services& services, const Call& call) {
   Json maps = Json::array();
   for (const auto& map : services.store.maps()) {
     if (call.may_use(map.name)) maps.push_back(to_json(map));
@@ -17,7 +17,7 @@ Response list(Services& services, const Call& call) {
   return json_response({{"maps", std::move(maps)}});
 }
 
-Response create(Services& services, const Call& call) {
+Response create_map(Services& services, const Call& call) {
   const Json json = call.json();
   ObjectReader reader(json, "the map");
   const auto name = reader.text("name");
@@ -33,7 +33,7 @@ Response create(Services& services, const Call& call) {
   return response;
 }
 
-Response remove(Services& services, const Call& call) {
+Response remove_map(Services& services, const Call& call) {
   const auto& name = call.path("map");
   const auto state = services.maps.open(name);
   {
@@ -53,16 +53,17 @@ Response remove(Services& services, const Call& call) {
 
 void add_map_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
-  router.add(
-      {"GET", "/v1/maps", {}, 0, json, [&](const Call& call) { return list(services, call); }});
-  router.add({"POST", "/v1/maps", {}, kMaxBody, json, [&](const Call& call) {
-                return create(services, call);
+  router.add({"GET", "/v1/maps", {}, 0, json, [&](const Call& call) {
+                return list_maps(services, call);
+              }});
+  router.add({"POST", "/v1/maps", {}, kMaxMapBody, json, [&](const Call& call) {
+                return create_map(services, call);
               }});
   router.add({"GET", "/v1/maps/{map}", {}, 0, json, [&](const Call& call) {
                 return json_response(to_json(services.store.map(call.path("map"))));
               }});
   router.add({"DELETE", "/v1/maps/{map}", {}, 0, {}, [&](const Call& call) {
-                return remove(services, call);
+                return remove_map(services, call);
               }});
 }
 

@@ -8,34 +8,34 @@
 namespace cellmap::server {
 namespace {
 
-struct Row {
+struct ProblemRow {
   ErrorCode code;
   int status;
   const char* title;
 };
 
-constexpr std::array kTable{
-    Row{ErrorCode::kInvalidArgument, 400, "Invalid argument"},
-    Row{ErrorCode::kCorruptData, 422, "Corrupt data"},
-    Row{ErrorCode::kNotFound, 404, "Not found"},
-    Row{ErrorCode::kAlreadyExists, 409, "Already exists"},
-    Row{ErrorCode::kConflict, 409, "Conflict"},
-    Row{ErrorCode::kPreconditionFailed, 412, "Precondition failed"},
-    Row{ErrorCode::kUnsupported, 415, "Unsupported"},
-    Row{ErrorCode::kTooLarge, 413, "Too large"},
-    Row{ErrorCode::kUnavailable, 503, "Unavailable"},
-    Row{ErrorCode::kCancelled, 409, "Cancelled"},
-    Row{ErrorCode::kIo, 500, "Input or output failed"},
-    Row{ErrorCode::kUnauthenticated, 401, "Unauthenticated"},
-    Row{ErrorCode::kPermissionDenied, 403, "Permission denied"},
-    Row{ErrorCode::kRateLimited, 429, "Too many requests"},
-    Row{ErrorCode::kDiskFull, 507, "Disk full"},
-    Row{ErrorCode::kInternal, 500, "Internal error"},
+constexpr std::array kProblemTable{
+    ProblemRow{ErrorCode::kInvalidArgument, 400, "Invalid argument"},
+    ProblemRow{ErrorCode::kCorruptData, 422, "Corrupt data"},
+    ProblemRow{ErrorCode::kNotFound, 404, "Not found"},
+    ProblemRow{ErrorCode::kAlreadyExists, 409, "Already exists"},
+    ProblemRow{ErrorCode::kConflict, 409, "Conflict"},
+    ProblemRow{ErrorCode::kPreconditionFailed, 412, "Precondition failed"},
+    ProblemRow{ErrorCode::kUnsupported, 415, "Unsupported"},
+    ProblemRow{ErrorCode::kTooLarge, 413, "Too large"},
+    ProblemRow{ErrorCode::kUnavailable, 503, "Unavailable"},
+    ProblemRow{ErrorCode::kCancelled, 409, "Cancelled"},
+    ProblemRow{ErrorCode::kIo, 500, "Input or output failed"},
+    ProblemRow{ErrorCode::kUnauthenticated, 401, "Unauthenticated"},
+    ProblemRow{ErrorCode::kPermissionDenied, 403, "Permission denied"},
+    ProblemRow{ErrorCode::kRateLimited, 429, "Too many requests"},
+    ProblemRow{ErrorCode::kDiskFull, 507, "Disk full"},
+    ProblemRow{ErrorCode::kInternal, 500, "Internal error"},
 };
 
-const Row& row_of(ErrorCode code) {
-  const auto* row = std::ranges::find(kTable, code, &Row::code);
-  return row == kTable.end() ? kTable.back() : *row;
+const ProblemRow& row_of(ErrorCode code) {
+  const auto* row = std::ranges::find(kProblemTable, code, &ProblemRow::code);
+  return row == kProblemTable.end() ? kProblemTable.back() : *row;
 }
 
 Response document(int status, const std::string& code, const std::string& title,
@@ -59,7 +59,7 @@ int status_of(ErrorCode code) { return row_of(code).status; }
 
 Response problem(ErrorCode code, const std::string& detail,
                  const std::optional<std::uint64_t>& next_scan) {
-  const Row& row = row_of(code);
+  const ProblemRow& row = row_of(code);
   Response response =
       document(row.status, std::string(to_string(code)), row.title, detail, next_scan);
   if (code == ErrorCode::kUnavailable) response.headers.set("Retry-After", "1");

@@ -17,10 +17,10 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kScanType = "application/vnd.cellmap.scan";
-constexpr const char* kScansType = "application/vnd.cellmap.scans";
-constexpr const char* kCellType = "application/vnd.cellmap.cell";
-constexpr std::size_t kMaxBody = 33u << 20;
+constexpr const char* kQueryScanType = "application/vnd.cellmap.scan";
+constexpr const char* kQueryScansType = "application/vnd.cellmap.scans";
+constexpr const char* kQueryCellType = "application/vnd.cellmap.cell";
+constexpr std::size_t kMaxQueryBody = 33u << 20;
 
 RelocalisationQuery read_cell(const std::string& body, const Lattice& lattice) {
   const Cell cell = decode_cell(as_bytes(body));
@@ -50,13 +50,13 @@ RelocalisationQuery read_scans(const std::string& body) {
 }
 
 RelocalisationQuery read_query(const Call& call, const Lattice& lattice) {
-  const auto type =
-      call.content_type({"application/octet-stream", kScanType, kScansType, kCellType});
-  const std::string body = call.content(kMaxBody);
-  if (type == kCellType) return read_cell(body, lattice);
-  if (type == kScansType) return read_scans(body);
+  const auto type = call.content_type(
+      {"application/octet-stream", kQueryScanType, kQueryScansType, kQueryCellType});
+  const std::string body = call.content(kMaxQueryBody);
+  if (type == kQueryCellType) return read_cell(body, lattice);
+  if (type == kQueryScansType) return read_scans(body);
   PointCloud points =
-      type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
+      type == kQueryScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
   clean(points);
   return RelocalisationQuery::from_scan(std::move(points));
 }
@@ -159,7 +159,7 @@ void add_relocalise_route(Router& router, Services& services) {
   router.add({"POST",
               "/v1/maps/{map}/relocalise",
               {"prior", "radius", "yaw_range_deg", "prior_covariance"},
-              kMaxBody,
+              kMaxQueryBody,
               {"application/json"},
               [&](const Call& call) { return relocalise(services, call); }});
 }

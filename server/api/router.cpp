@@ -12,13 +12,13 @@
 namespace cellmap::server {
 namespace {
 
-[[noreturn]] void invalid(const std::string& message) {
+[[noreturn]] void refuse_target(const std::string& message) {
   throw Error(ErrorCode::kInvalidArgument, message);
 }
 
 std::string decoded_or_throw(std::string_view text) {
   auto decoded = percent_decoded(text);
-  if (!decoded) invalid("The request target holds a broken escape: " + in_quotes(text) + ".");
+  if (!decoded) refuse_target("The request target holds a broken escape: " + in_quotes(text) + ".");
   return *std::move(decoded);
 }
 
@@ -61,8 +61,8 @@ std::optional<std::map<std::string, std::string>> match(std::span<const std::str
 std::uint32_t Call::path_id(const std::string& name) const {
   const auto value = parse_unsigned(path(name));
   if (!value || *value > UINT32_MAX) {
-    invalid("A " + name + " is named by an integer from 0 to 4294967295, found " +
-            in_quotes(path(name)) + ".");
+    refuse_target("A " + name + " is named by an integer from 0 to 4294967295, found " +
+                  in_quotes(path(name)) + ".");
   }
   return static_cast<std::uint32_t>(*value);
 }
@@ -78,8 +78,8 @@ std::optional<std::uint64_t> Call::query_integer(const std::string& name, std::u
   if (!text) return std::nullopt;
   const auto value = parse_unsigned(*text);
   if (!value || *value < min || *value > max) {
-    invalid("Expected '" + name + "' to be an integer from " + std::to_string(min) + " to " +
-            std::to_string(max) + ", found " + in_quotes(*text) + ".");
+    refuse_target("Expected '" + name + "' to be an integer from " + std::to_string(min) + " to " +
+                  std::to_string(max) + ", found " + in_quotes(*text) + ".");
   }
   return value;
 }
@@ -89,8 +89,8 @@ std::optional<double> Call::query_number(const std::string& name, double min, do
   if (!text) return std::nullopt;
   const auto value = parse_number(*text);
   if (!value || *value < min || *value > max) {
-    invalid("Expected '" + name + "' to be a number from " + std::to_string(min) + " to " +
-            std::to_string(max) + ", found " + in_quotes(*text) + ".");
+    refuse_target("Expected '" + name + "' to be a number from " + std::to_string(min) + " to " +
+                  std::to_string(max) + ", found " + in_quotes(*text) + ".");
   }
   return value;
 }
@@ -180,7 +180,7 @@ Target parse_target(std::string_view target) {
       value = decoded_or_throw(plus_as_space);
     }
     if (!result.query.emplace(name, std::move(value)).second) {
-      invalid("The query names " + in_quotes(name) + " twice.");
+      refuse_target("The query names " + in_quotes(name) + " twice.");
     }
   }
   return result;

@@ -16,7 +16,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kScanType = "application/vnd.cellmap.scan";
+constexpr const char* kSessionScanType = "application/vnd.cellmap.scan";
 constexpr const char* kScansType = "application/vnd.cellmap.scans";
 
 enum class State {
@@ -117,7 +117,7 @@ Json document(const std::string& session, const Standing& standing) {
           {"job", std::move(job)}};
 }
 
-Response get(Services& services, const Call& call) {
+Response get_scans(Services& services, const Call& call) {
   const auto& map = call.path("map");
   services.store.version(map);  // throws where there is no such map
   const auto& session = call.path("session");
@@ -153,7 +153,7 @@ JobView make_upload(Services& services, const std::string& map, const std::strin
 }
 
 std::vector<PosedScan> scans_of(const Call& call) {
-  const std::string type = call.content_type({kScanType, kScansType});
+  const std::string type = call.content_type({kSessionScanType, kScansType});
   const std::string body = call.content(kMaxScanBatchBytes);
   if (type == kScansType) return decode_scan_batch(as_bytes(body));
   std::vector<PosedScan> scans;
@@ -237,7 +237,7 @@ Response post(Services& services, const Call& call) {
   return json_response(json, 202);
 }
 
-Response complete(Services& services, const Call& call) {
+Response complete_scans(Services& services, const Call& call) {
   const auto& map = call.path("map");
   const auto& session = call.path("session");
   services.store.version(map);  // throws where there is no such map
@@ -270,12 +270,13 @@ Response complete(Services& services, const Call& call) {
 void add_session_scan_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string scans = "/v1/maps/{map}/sessions/{session}/scans";
-  router.add({"GET", scans, {}, 0, json, [&](const Call& call) { return get(services, call); }});
+  router.add(
+      {"GET", scans, {}, 0, json, [&](const Call& call) { return get_scans(services, call); }});
   router.add({"POST", scans, {}, kMaxScanBatchBytes, json, [&](const Call& call) {
                 return post(services, call);
               }});
   router.add({"POST", scans + ":complete", {"scans"}, 1024, json, [&](const Call& call) {
-                return complete(services, call);
+                return complete_scans(services, call);
               }});
 }
 

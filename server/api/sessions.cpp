@@ -15,7 +15,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kCellType = "application/vnd.cellmap.cell";
+constexpr const char* kUploadedCellType = "application/vnd.cellmap.cell";
 constexpr std::size_t kMaxSessionBody = 64u << 10;
 constexpr std::size_t kMaxHashes = 10'000;
 constexpr std::size_t kMaxHashesBody = 1u << 20;
@@ -51,7 +51,7 @@ SessionInfo find_session(const Store& store, const std::string& map, const std::
   throw Error(ErrorCode::kNotFound, "The map has no session " + in_quotes(name) + ".");
 }
 
-Response list(Services& services, const Call& call) {
+Response list_sessions(Services& services, const Call& call) {
   const auto& map = call.path("map");
   Json sessions = Json::array();
   for (const auto& session : services.store.sessions(map)) {
@@ -60,13 +60,13 @@ Response list(Services& services, const Call& call) {
   return json_response({{"sessions", std::move(sessions)}});
 }
 
-Response get(Services& services, const Call& call) {
+Response get_session(Services& services, const Call& call) {
   const auto& map = call.path("map");
   return json_response(
       document(services, map, find_session(services.store, map, call.path("session"))));
 }
 
-Response create(Services& services, const Call& call) {
+Response create_session(Services& services, const Call& call) {
   const auto& map = call.path("map");
   const Json json = call.json();
   ObjectReader reader(json, "the session");
@@ -86,7 +86,7 @@ Response create(Services& services, const Call& call) {
 }
 
 /// Writers hold on to CELLs of the map, so none may be at work.
-Response remove(Services& services, const Call& call) {
+Response remove_session(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const std::lock_guard lock(state->writer());
   if (services.jobs.has_unfinished(state->name())) {
@@ -188,9 +188,9 @@ Response put_next_cell(Services& services, const Call& call,
   return cell_answer(services, call, *services.store.last_cell(map, view.header.session), 201);
 }
 
-Response put_cell(Services& services, const Call& call) {
+Response put_session_cell(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
-  call.content_type({kCellType});
+  call.content_type({kUploadedCellType});
   const std::string body = call.content(kMaxCellBytes);
   const Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
   const CellView view = view_cell(bytes);
@@ -203,17 +203,20 @@ Response put_cell(Services& services, const Call& call) {
 void add_session_routes(Router& router, Services& services) {
   const std::vector<std::string> json{"application/json"};
   const std::string all = "/v1/maps/{map}/sessions", one = all + "/{session}";
-  router.add({"GET", all, {}, 0, json, [&](const Call& call) { return list(services, call); }});
+  router.add(
+      {"GET", all, {}, 0, json, [&](const Call& call) { return list_sessions(services, call); }});
   router.add({"POST", all, {}, kMaxSessionBody, json, [&](const Call& call) {
-                return create(services, call);
+                return create_session(services, call);
               }});
-  router.add({"GET", one, {}, 0, json, [&](const Call& call) { return get(services, call); }});
-  router.add({"DELETE", one, {}, 0, {}, [&](const Call& call) { return remove(services, call); }});
+  router.add(
+      {"GET", one, {}, 0, json, [&](const Call& call) { return get_session(services, call); }});
+  router.add(
+      {"DELETE", one, {}, 0, {}, [&](const Call& call) { return remove_session(services, call); }});
   router.add({"POST", one + "/cells:lacking", {}, kMaxHashesBody, json, [&](const Call& call) {
                 return lacking(services, call);
               }});
   router.add({"PUT", one + "/cells/{hash}", {}, kMaxCellBytes, json, [&](const Call& call) {
-                return put_cell(services, call);
+                return put_session_cell(services, call);
               }});
 }
 

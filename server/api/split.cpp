@@ -9,7 +9,7 @@
 namespace cellmap::server {
 namespace {
 
-constexpr std::size_t kMaxBody = 64u << 10;
+constexpr std::size_t kMaxSplitBody = 64u << 10;
 constexpr std::size_t kMaxSessions = 1000;
 
 struct SplitRequest {
@@ -17,7 +17,7 @@ struct SplitRequest {
   std::string into;
 };
 
-SplitRequest read_request(const Json& json) {
+SplitRequest read_split_request(const Json& json) {
   SplitRequest request;
   ObjectReader reader(json, "the split");
   const Json* sessions = reader.array("sessions", kMaxSessions);
@@ -35,7 +35,7 @@ SplitRequest read_request(const Json& json) {
 /// The sessions leave in the transaction that shows them in the other map.
 Response split(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
-  const SplitRequest request = read_request(call.json());
+  const SplitRequest request = read_split_request(call.json());
   if (!call.may_use(request.into)) return map_refused(request.into);
   Store& store = services.store;
   const std::lock_guard lock(state->writer());
@@ -56,10 +56,12 @@ Response split(Services& services, const Call& call) {
 }  // namespace
 
 void add_split_route(Router& router, Services& services) {
-  router.add(
-      {"POST", "/v1/maps/{map}/split", {}, kMaxBody, {"application/json"}, [&](const Call& call) {
-         return split(services, call);
-       }});
+  router.add({"POST",
+              "/v1/maps/{map}/split",
+              {},
+              kMaxSplitBody,
+              {"application/json"},
+              [&](const Call& call) { return split(services, call); }});
 }
 
 }  // namespace cellmap::server

@@ -32,7 +32,7 @@ struct HostAndPort {
   std::string host, port;
 };
 
-HostAndPort split(const std::string& address) {
+HostAndPort split_address(const std::string& address) {
   const auto colon = address.rfind(':');
   const std::string digits = colon == std::string::npos ? "" : address.substr(colon + 1);
   const std::uint64_t port = parse_unsigned(digits).value_or(kNoPort);
@@ -61,7 +61,7 @@ Listener::Listener(const std::string& address) {
   if (address.starts_with(kUnix)) {
     listen_on_unix(address.substr(kUnix.size()));
   } else {
-    const auto [host, port] = split(address);
+    const auto [host, port] = split_address(address);
     listen_on_tcp(host, port);
   }
 }
@@ -141,7 +141,7 @@ void Listener::listen_on_tcp(const std::string& host, const std::string& port) {
 
 bool is_local(const std::string& address) {
   if (address.starts_with(kUnix)) return true;
-  const std::string host = split(address).host;
+  const std::string host = split_address(address).host;
   in_addr ip{};
   const bool is_ip = ::inet_pton(AF_INET, host.c_str(), &ip) == 1;  // no name such as 127.example
   return host == "localhost" || host == "::1" || (is_ip && host.starts_with("127."));

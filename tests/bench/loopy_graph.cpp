@@ -13,7 +13,7 @@
 namespace cellmap::bench {
 namespace {
 
-constexpr double kCellDistanceM = 6.0;
+constexpr double kNodeDistanceM = 6.0;
 constexpr int kStepsABlock = 10;
 constexpr int kBlocks = 60;
 constexpr double kLoopDistanceM = 8.0;
@@ -83,7 +83,7 @@ std::vector<Pose> kitti00_cell_poses() {
     const auto from_last = [&] {
       return (sample.pose.translation() - poses.back().translation()).norm();
     };
-    if (poses.empty() || from_last() > kCellDistanceM) poses.push_back(sample.pose);
+    if (poses.empty() || from_last() > kNodeDistanceM) poses.push_back(sample.pose);
   }
   return poses;
 }
@@ -105,7 +105,7 @@ std::vector<Pose> street_grid_poses(std::size_t count) {
     for (int step = 0; step < kStepsABlock && poses.size() < count; ++step) {
       Pose T = Pose::Identity();
       const Eigen::Vector2d p =
-          kCellDistanceM * (kStepsABlock * crossing + step * ahead).cast<double>();
+          kNodeDistanceM * (kStepsABlock * crossing + step * ahead).cast<double>();
       T.translation() << p.x(), 0, p.y();
       T.rotate(Eigen::AngleAxisd(-heading * std::numbers::pi / 2, Eigen::Vector3d::UnitY()));
       poses.push_back(T);
@@ -117,7 +117,7 @@ std::vector<Pose> street_grid_poses(std::size_t count) {
 
 PoseGraph loopy_graph(const std::vector<Pose>& truth, std::uint64_t seed) {
   simulation::Random random(seed);
-  const PoseSigma neighbours{0.02 * kCellDistanceM, 0.1 * std::numbers::pi / 180};
+  const PoseSigma neighbours{0.02 * kNodeDistanceM, 0.1 * std::numbers::pi / 180};
   const PoseSigma loops;
   PoseGraph graph;
   EarlierPoses earlier;

@@ -20,7 +20,7 @@
 namespace cellmap::bench {
 namespace {
 
-constexpr const char* kMap = "bench";
+constexpr const char* kStoredMap = "bench";
 
 /// The same geometry under another name, and bytes that no other CELL has.
 Cell cell_number(const Cell& model, std::uint32_t number) {
@@ -95,7 +95,7 @@ class FileStore {
 void put_row(const Setting& setting, const Cell& model, int threads, const AddRow& add) {
   const test::TempFolder folder;
   const auto store = open_sqlite_store(folder / "map.db");
-  store->create_map(kMap, model.lattice);
+  store->create_map(kStoredMap, model.lattice);
   const FileStore files(folder.path());
   const std::size_t count = setting.quick ? 16 : 64;
   std::uint32_t next = 1;
@@ -104,7 +104,7 @@ void put_row(const Setting& setting, const Cell& model, int threads, const AddRo
                           on_threads(threads, count, [&](std::size_t i) {
                             MapUpdate update;
                             update.cells.push_back(cells[i]);
-                            store->commit(kMap, update);
+                            store->commit(kStoredMap, update);
                           });
                         },
                         [&] {
@@ -130,10 +130,10 @@ struct StoredCells {
 
   StoredCells(const Cell& model, std::size_t cells) : count(cells), files(folder.path()) {
     const auto store = open_sqlite_store(folder / "map.db");
-    store->create_map(kMap, model.lattice);
+    store->create_map(kStoredMap, model.lattice);
     MapUpdate update;
     update.cells = new_cells(model, 1, count);
-    store->commit(kMap, update);
+    store->commit(kStoredMap, update);
     for (const NewCell& cell : update.cells) files.put(cell.id, cell.encoded.bytes);
   }
 
@@ -148,7 +148,7 @@ void get_row(const Setting& setting, const StoredCells& stored, int threads,
   constexpr std::size_t kReads = 400;
   const Contestant ours{[&] {
     on_threads(threads, kReads, [&](std::size_t i) {
-      benchmark::DoNotOptimize(store->compressed_cell(kMap, stored.random_id(i)));
+      benchmark::DoNotOptimize(store->compressed_cell(kStoredMap, stored.random_id(i)));
     });
   }};
   const Contestant baseline{[&] {

@@ -14,11 +14,11 @@ namespace {
 
 using test::expect_error;
 
-constexpr int kVersion = 0, kNodes = 2, kConstraints = 3;
-constexpr int kId = 0, kFrom = 1, kTo = 2, kKind = 3, kOrigin = 4, kPose = 5, kInformation = 6,
-              kScores = 7;
+constexpr int kGraphVersion = 0, kNodes = 2, kConstraints = 3;
+constexpr int kId = 0, kFrom = 1, kTo = 2, kKind = 3, kOrigin = 4, kConstraintPose = 5,
+              kInformation = 6, kScores = 7;
 constexpr std::size_t kNodeBytes = 104;
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoNumber = std::numeric_limits<double>::quiet_NaN();
 
 Constraint random_constraint(std::mt19937& rng, std::uint32_t id, std::uint32_t from,
                              std::uint32_t to) {
@@ -121,22 +121,25 @@ TEST(PoseGraphCodec, EveryBrokenRuleIsNamed) {
        }},
       {"ids increase",
        [](RawBuffer& r) { r.set<std::uint32_t>(r.field(constraint_at(r, 2), kId), 10); }},
-      {"T_from_to", [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kPose), kNan); }},
+      {"T_from_to",
+       [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kConstraintPose), kNoNumber); }},
       {"T_map_cell", [](RawBuffer& r) { r.set(node_at(r, 3) + 8, 3.0); }},
       {"ids increase", [](RawBuffer& r) { r.set<std::uint32_t>(node_at(r, 3), 14); }},
       {"constraint 15",
-       [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kInformation), kNan); }},
+       [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kInformation), kNoNumber); }},
       {"constraint 15",
        [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kInformation), -1e9); }},
       {"scores",
        [](RawBuffer& r) { r.set<std::uint32_t>(r.field(constraint_at(r, 2), kScores), 1); }},
       {"scores", [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kScores) + 8, 1.5); }},
-      {"scores", [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kScores) + 40, kNan); }},
-      {"field is missing", [](RawBuffer& r) { r.drop_field(constraint_at(r, 2), kPose); }},
+      {"scores",
+       [](RawBuffer& r) { r.set(r.field(constraint_at(r, 2), kScores) + 40, kNoNumber); }},
+      {"field is missing",
+       [](RawBuffer& r) { r.drop_field(constraint_at(r, 2), kConstraintPose); }},
       {"field is missing", [](RawBuffer& r) { r.drop_field(constraint_at(r, 2), kInformation); }},
       {"field is missing", [](RawBuffer& r) { r.drop_field(r.root(), kNodes); }},
       {"field is missing", [](RawBuffer& r) { r.drop_field(r.root(), kConstraints); }},
-      {"version", [](RawBuffer& r) { r.drop_field(r.root(), kVersion); }},
+      {"version", [](RawBuffer& r) { r.drop_field(r.root(), kGraphVersion); }},
   };
   // Constraint 2 of the graph must carry scores for the cases above to break them.
   ASSERT_NE(random_graph(1, 6).constraints[2].scores.points, 0u);
@@ -150,7 +153,7 @@ TEST(PoseGraphCodec, EveryBrokenRuleIsNamed) {
 
 TEST(PoseGraphCodec, WhatALaterVersionMayBringIsCalledUnsupported) {
   const Bytes version =
-      broken([](RawBuffer& r) { r.set<std::uint16_t>(r.field(r.root(), kVersion), 7); });
+      broken([](RawBuffer& r) { r.set<std::uint16_t>(r.field(r.root(), kGraphVersion), 7); });
   const Bytes kind =
       broken([](RawBuffer& r) { r.set<std::uint8_t>(r.field(constraint_at(r, 2), kKind), 4); });
   const Bytes origin =
@@ -203,7 +206,7 @@ TEST(PoseGraphCodec, AGraphThatWouldBeRefusedIsNotEncoded) {
   expect_error(
       ErrorCode::kCorruptData, [&] { encode_pose_graph(graph); }, "CELL 1000");
   graph = random_graph(4, 3);
-  graph.nodes.begin()->second.translation().x() = kNan;
+  graph.nodes.begin()->second.translation().x() = kNoNumber;
   expect_error(
       ErrorCode::kCorruptData, [&] { encode_pose_graph(graph); }, "CELL 10");
 }

@@ -14,7 +14,7 @@ namespace {
 
 using test::expect_error;
 
-constexpr int kPose = 3, kX = 4, kY = 5;
+constexpr int kScanPose = 3, kX = 4, kY = 5;
 
 void expect_same_bits(const std::vector<float>& a, const std::vector<float>& b) {
   ASSERT_EQ(a.size(), b.size());
@@ -64,7 +64,7 @@ TEST(ScanCodec, APoseThatIsNotRigidIsRefusedBothWays) {
   PosedScan scan = random_scan(5, 10);
   Bytes bytes = encode_scan(scan);
   RawBuffer raw(bytes);
-  raw.set(raw.field(raw.root(), kPose), std::numeric_limits<double>::quiet_NaN());
+  raw.set(raw.field(raw.root(), kScanPose), std::numeric_limits<double>::quiet_NaN());
   expect_error(
       ErrorCode::kCorruptData, [&] { decode_scan(bytes); }, "T_odom_sensor");
   scan.T_odom_sensor.linear() *= 2;

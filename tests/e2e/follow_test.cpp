@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-constexpr std::uint32_t kCells = 40;
+constexpr std::uint32_t kFollowedCells = 40;
 
 /// A real server with a drive that has not met itself again yet, and a real process that follows.
 class FollowProcess : public testing::Test {
@@ -24,13 +24,13 @@ class FollowProcess : public testing::Test {
     server_ = std::make_unique<CellmapdProcess>(work_ / "map.db");
     Client client = server_->client();
     client.create_map("town", {LatticeKind::kFibonacci, 1000});
-    for (std::uint32_t i = 0; i < kCells; ++i) {
+    for (std::uint32_t i = 0; i < kFollowedCells; ++i) {
       Cell cell = random_cell(i, 40, 1000);
       cell.session = "drive";
       cell.sequence = i;
       client.put_cell("town", CellId{i + 1}, encode_cell(cell), loop_.drifted[i]);
     }
-    for (std::uint32_t i = 0; i + 1 < kCells; ++i) {
+    for (std::uint32_t i = 0; i + 1 < kFollowedCells; ++i) {
       client.add_loop("town", CellId{i + 1}, CellId{i + 2},
                       loop_.drifted[i].inverse() * loop_.drifted[i + 1]);
     }
@@ -45,7 +45,7 @@ class FollowProcess : public testing::Test {
   void close_loop(Client& client, std::uint32_t from, std::uint32_t to) {
     const Pose T = loop_.corrected[from - 1].inverse() * loop_.corrected[to - 1];
     const LoopReport report = client.add_loop("town", CellId{from}, CellId{to}, T);
-    EXPECT_GT(report.moved, kCells / 2);
+    EXPECT_GT(report.moved, kFollowedCells / 2);
   }
 
   /// Which files of CELLs there are and when each was written.
@@ -71,21 +71,21 @@ class FollowProcess : public testing::Test {
   }
 
   TempFolder work_;
-  DriftingLoop loop_ = drifting_loop(kCells, 6.0);
+  DriftingLoop loop_ = drifting_loop(kFollowedCells, 6.0);
   std::unique_ptr<CellmapdProcess> server_;
 };
 
 TEST_F(FollowProcess, ALoopArrivesAsPosesAndALostServerIsWaitedFor) {
   Process follower(pull(), work_ / "pull.log");
   const Json first = Json::parse(follower.read_line());
-  EXPECT_EQ(first["fetched"], kCells);
+  EXPECT_EQ(first["fetched"], kFollowedCells);
   const auto files = cell_files();
-  ASSERT_EQ(files.size(), kCells);
+  ASSERT_EQ(files.size(), kFollowedCells);
 
   Client client = server_->client();
-  close_loop(client, kCells, 1);
+  close_loop(client, kFollowedCells, 1);
   const Json update = Json::parse(follower.read_line());
-  EXPECT_GT(update["moved"], kCells / 2);
+  EXPECT_GT(update["moved"], kFollowedCells / 2);
   EXPECT_EQ(update["fetched"], 0);
   EXPECT_LT(update["received_bytes"], 3000);
   expect_poses_of(client);
@@ -94,12 +94,12 @@ TEST_F(FollowProcess, ALoopArrivesAsPosesAndALostServerIsWaitedFor) {
   const int port = server_->port();
   server_->kill();
   const Json offline = cellmap_json(work_, {"info", "town", "--mirror", mirror().string()});
-  EXPECT_EQ(offline["cells"], kCells);
+  EXPECT_EQ(offline["cells"], kFollowedCells);
   EXPECT_EQ(offline["revision"], update["revision"]);
 
   server_ = std::make_unique<CellmapdProcess>(work_ / "map.db", fs::path(), port);
   Client again = server_->client();
-  close_loop(again, kCells, 2);
+  close_loop(again, kFollowedCells, 2);
   const Json after = Json::parse(follower.read_line());
   EXPECT_EQ(after["fetched"], 0);
   expect_poses_of(again);
@@ -109,11 +109,11 @@ TEST_F(FollowProcess, ALoopArrivesAsPosesAndALostServerIsWaitedFor) {
 
 TEST_F(FollowProcess, AFollowerEndsWithItsMap) {
   Process follower(pull(), work_ / "pull.log");
-  EXPECT_EQ(Json::parse(follower.read_line())["fetched"], kCells);
+  EXPECT_EQ(Json::parse(follower.read_line())["fetched"], kFollowedCells);
   server_->client().delete_map("town");
   const Ended ended = follower.wait();
   EXPECT_EQ(ended.exit_code, 4) << ended.out;  // not-found
-  EXPECT_EQ(read_mirror(mirror()).cells.size(), kCells);
+  EXPECT_EQ(read_mirror(mirror()).cells.size(), kFollowedCells);
 }
 
 }  // namespace

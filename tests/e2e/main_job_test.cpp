@@ -14,7 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-constexpr int kScans = 90;
+constexpr int kDriveScans = 90;
 
 std::string read_text(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -43,7 +43,7 @@ class MainJob : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     work_ = std::make_unique<TempFolder>();
-    auto simulate = simulate_arguments(drive(), kScans);
+    auto simulate = simulate_arguments(drive(), kDriveScans);
     simulate.insert(simulate.end(), {"--odometry", "truth"});
     cellmap_json(*work_, simulate);
     simulate = simulate_arguments((*work_ / "query").string(), 40);
@@ -74,9 +74,9 @@ class MainJob : public testing::Test {
 
 TEST_F(MainJob, AnUploadedDriveBecomesAMap) {
   EXPECT_EQ(ingest_["job"]["state"], "succeeded");
-  EXPECT_EQ(ingest_["job"]["scans_done"], kScans);
+  EXPECT_EQ(ingest_["job"]["scans_done"], kDriveScans);
   const auto info = cellmap_json(*work_, {"info", "town", "--server", server_->url()});
-  EXPECT_EQ(info["scans"], kScans);
+  EXPECT_EQ(info["scans"], kDriveScans);
   EXPECT_GT(info["cells"], 3);
   EXPECT_GT(info["planes"], 1000);
   EXPECT_GT(info["voxel_points"], 0);
@@ -254,10 +254,10 @@ TEST_F(MainJob, ExportsAreReadByOthersAndTheTrajectoryIsRight) {
     const std::string file = (*work_ / (stage + ".txt")).string();
     const auto exported = cellmap_json(*work_, at_town({"export", "trajectory", "--format", "kitti",
                                                         "--stage", stage, "--out", file}));
-    EXPECT_EQ(exported["rows"], kScans);
+    EXPECT_EQ(exported["rows"], kDriveScans);
     const auto errors = cellmap_json(*work_, {"evaluate", "trajectory", "--estimate", file,
                                               "--truth", drive() + "/poses_gt.txt"});
-    EXPECT_EQ(errors["poses"], kScans);
+    EXPECT_EQ(errors["poses"], kDriveScans);
     EXPECT_LT(errors["ape_rmse_m"], 0.1) << stage;
   }
   const Ended cloud = cellmap_program(

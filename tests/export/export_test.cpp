@@ -62,7 +62,7 @@ class ExportTest : public ::testing::Test {
 };
 
 TEST_F(ExportTest, PatchPointsOfNoDensityAreThePlanesPoints) {
-  const PatchPoints patches = patch_points(cell_, lattice_, T_map_cell_, 0);
+  const PointsOnPatches patches = patch_points(cell_, lattice_, T_map_cell_, 0);
   const PointCloud expected = transformed(reconstruct_points(cell_, lattice_), T_map_cell_);
   ASSERT_EQ(patches.points.size(), cell_.planes.size());
   ASSERT_GT(patches.points.size(), 500u);
@@ -79,12 +79,12 @@ TEST_F(ExportTest, PatchPointsHaveTheDensityThatWasAskedFor) {
   const Eigen::Vector3f normal = -lattice_.direction(5'000).cast<float>();
   one.planes = {{20, normal.x(), normal.y(), normal.z()}};
   const double area = 4 * std::numbers::pi * 400 / 10'000;
-  const PatchPoints patches = patch_points(one, lattice_, Pose::Identity(), 0.01);
+  const PointsOnPatches patches = patch_points(one, lattice_, Pose::Identity(), 0.01);
   EXPECT_NEAR(static_cast<double>(patches.points.size()), area / 1e-4, 0.02 * area / 1e-4);
 }
 
 TEST_F(ExportTest, LasIsReadBackToAMillimetreByTheSpecification) {
-  const PatchPoints patches = patch_points(cell_, lattice_, T_map_cell_, 0.5);
+  const PointsOnPatches patches = patch_points(cell_, lattice_, T_map_cell_, 0.5);
   const fs::path file = folder_.path() / "town.las";
   PointFileWriter writer(file, point_format_of(file));
   writer.add(patches.points, patches.normals);
@@ -124,12 +124,12 @@ TEST_F(ExportTest, APointFileIsNamedForItsFormat) {
 }
 
 TEST_F(ExportTest, PartsMakeTheSameFileAsTheWhole) {
-  const PatchPoints patches = patch_points(cell_, lattice_, T_map_cell_, 0);
+  const PointsOnPatches patches = patch_points(cell_, lattice_, T_map_cell_, 0);
   const auto bytes_of = [&](const std::string& name, std::size_t parts) {
     const fs::path file = folder_.path() / (std::to_string(parts) + name);
     PointFileWriter writer(file, point_format_of(file));
     for (std::size_t part = 0; part < parts; ++part) {
-      PatchPoints some;
+      PointsOnPatches some;
       const std::size_t n = patches.points.size();
       for (std::size_t i = n * part / parts; i < n * (part + 1) / parts; ++i) {
         some.points.push_back(patches.points[i]);
@@ -151,7 +151,7 @@ TEST_F(ExportTest, DiscsAreFacesOnTheirPlanes) {
   writer.finish();
   const json faces = read_by("map_files_check.py", "discs " + file.string())["faces"];
   ASSERT_EQ(faces.size(), cell_.planes.size());
-  const PatchPoints centres = patch_points(cell_, lattice_, T_map_cell_, 0);
+  const PointsOnPatches centres = patch_points(cell_, lattice_, T_map_cell_, 0);
   for (std::size_t k = 0; k < faces.size(); ++k) {
     ASSERT_EQ(faces[k].size(), kOutlineCorners);
     for (const json& vertex : faces[k]) {
@@ -164,7 +164,7 @@ TEST_F(ExportTest, DiscsAreFacesOnTheirPlanes) {
 }
 
 TEST_F(ExportTest, TilesHoldEveryPointOnceWhereTheMetadataSays) {
-  const PatchPoints patches = patch_points(cell_, lattice_, T_map_cell_, 0);
+  const PointsOnPatches patches = patch_points(cell_, lattice_, T_map_cell_, 0);
   const fs::path folder = folder_.path() / "tiles";
   TileWriter writer(folder, 20);
   writer.add(patches.points, patches.normals);

@@ -26,8 +26,8 @@ done
 [[ $(field python3-cellmap_*.deb Architecture) == all ]] || fail "python3-cellmap is for one architecture only."
 unit=root/usr/lib/systemd/system/cellmapd.service
 [[ $(grep -o '^ExecStart=[^ ]*' "$unit") == ExecStart=/usr/bin/cellmapd ]] || fail "The unit starts $(grep ExecStart "$unit")."
-dpkg-deb --ctrl-tarfile cellmap-server_*.deb | tar -t | grep -q postinst || fail "cellmap-server makes no user."
-if dpkg-deb -c cellmap_*.deb | grep -q 'bin/cellmapd'; then fail "The client's package holds the server."; fi
+[[ $(dpkg-deb --ctrl-tarfile cellmap-server_*.deb | tar -t) == *postinst* ]] || fail "cellmap-server makes no user."
+[[ $(dpkg-deb -c cellmap_*.deb) != *bin/cellmapd* ]] || fail "The client's package holds the server."
 
 root=$folder/root/usr
 "$root/bin/cellmap" simulate --route town --scans 30 --columns 400 --out drive --json >/dev/null

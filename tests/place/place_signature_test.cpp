@@ -13,7 +13,7 @@
 namespace cellmap {
 namespace {
 
-constexpr double kDeg = std::numbers::pi / 180;
+constexpr double kSignatureDeg = std::numbers::pi / 180;
 
 /// Upright things at random places on flat ground; z above the ground.
 PointCloud town(unsigned seed) {
@@ -30,7 +30,7 @@ PointCloud town(unsigned seed) {
   return points;
 }
 
-PointCloud turned(const PointCloud& points, double yaw_rad) {
+PointCloud turned_cloud(const PointCloud& points, double yaw_rad) {
   return transformed(points, upright_pose(0, 0, yaw_rad));
 }
 
@@ -61,7 +61,7 @@ PointCloud with_a_missing_part(const PointCloud& points) {
   PointCloud rest;
   for (std::size_t i = 0; i < points.size(); ++i) {
     const double azimuth = std::atan2(points.y[i], points.x[i]);
-    if (azimuth < -30 * kDeg || azimuth > 90 * kDeg) rest.push_back(points[i]);
+    if (azimuth < -30 * kSignatureDeg || azimuth > 90 * kSignatureDeg) rest.push_back(points[i]);
   }
   return rest;
 }
@@ -93,7 +93,7 @@ TEST(PlaceSignature, ComparingManyViewsAtOnceIsComparingEach) {
   const PlaceSignature place{Columns(town(1))};
   std::vector<PlaceSignature> views;
   for (const double x : {-2.0, 0.0, 2.0, 4.0}) {
-    views.emplace_back(Columns(turned(town(1), 50 * kDeg)), Eigen::Vector2d(x, 1));
+    views.emplace_back(Columns(turned_cloud(town(1), 50 * kSignatureDeg)), Eigen::Vector2d(x, 1));
   }
   PlaceSignature::Correlation expected = PlaceSignature::Correlation::Zero();
   for (const PlaceSignature& view : views) expected = expected.cwiseMax(place.correlate(view));
@@ -118,7 +118,7 @@ TEST(PlaceSignature, TheMostAlikeTurnIsTheBestOfAllTurns) {
 TEST(PlaceSignature, CorrelationPeaksAtTheTurnBetweenTwoViews) {
   const PlaceSignature place{Columns(town(1))};
   for (const int sectors : {0, 7, 45}) {
-    const PlaceSignature view(Columns(turned(town(1), -sectors * 6 * kDeg)));
+    const PlaceSignature view(Columns(turned_cloud(town(1), -sectors * 6 * kSignatureDeg)));
     const PlaceSignature::Correlation agreement = place.correlate(view);
     Eigen::Index peak = 0;
     EXPECT_GT(agreement.maxCoeff(&peak), 0.9f);
@@ -139,7 +139,7 @@ TEST(SignatureIndex, FindsPlaceAndPoseFromAnotherLaneAndHeading) {
   ASSERT_EQ(index.size(), 19u);
   std::vector<std::size_t> slots;
   for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
-  const Pose T_town_sensor = sensor_at(2.6, 3.7, 200 * kDeg);
+  const Pose T_town_sensor = sensor_at(2.6, 3.7, 200 * kSignatureDeg);
   for (const unsigned place : {1u, 7u, 19u}) {
     const DescribedQuery query(seen(town(place), T_town_sensor));
     const auto alike = index.most_alike(query, slots, 3, 1);
@@ -150,7 +150,7 @@ TEST(SignatureIndex, FindsPlaceAndPoseFromAnotherLaneAndHeading) {
     const Pose T_cell_query = sensor_at(0, 0, 0).inverse() * T_town_sensor;
     const Pose& found = alignments[0].T_cell_query;
     EXPECT_LT((found.translation() - T_cell_query.translation()).norm(), 1.6);
-    EXPECT_LT(angle_between_rad(found, T_cell_query), 6.5 * kDeg);
+    EXPECT_LT(angle_between_rad(found, T_cell_query), 6.5 * kSignatureDeg);
   }
 }
 
@@ -168,7 +168,7 @@ TEST(SignatureIndex, InAManyTimesLargerMapTheSamePlacesAreFound) {
   std::vector<std::size_t> slots;
   for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
   for (const unsigned of : {3u, 11u}) {
-    const DescribedQuery query(seen(town(1 + of), sensor_at(1.8, 0.3, 70 * kDeg)));
+    const DescribedQuery query(seen(town(1 + of), sensor_at(1.8, 0.3, 70 * kSignatureDeg)));
     std::vector<std::pair<double, std::uint64_t>> one_by_one;
     for (const auto& [id, slot] : index.slots()) {
       one_by_one.push_back({-index.align(query, id, 1)[0].similarity, id.value});

@@ -15,7 +15,7 @@ namespace {
 using test::BuiltMap;
 using test::TownDrive;
 
-constexpr double kDeg = std::numbers::pi / 180;
+constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 /// The town driven once with perfect odometry: the map frame is the world, up to the first pose.
 class RelocalisationInATown : public testing::Test {
@@ -54,7 +54,7 @@ class RelocalisationInATown : public testing::Test {
     ASSERT_TRUE(answer.found.has_value());
     const Pose& T = answer.found->T_map_scan;
     EXPECT_LT((T.translation() - truth.translation()).norm(), 0.2);
-    EXPECT_LT(angle_between_rad(T, truth), 0.5 * kDeg);
+    EXPECT_LT(angle_between_rad(T, truth), 0.5 * kRadPerDeg);
   }
 
   static std::unique_ptr<BuiltMap> map_;
@@ -86,7 +86,7 @@ TEST_F(RelocalisationInATown, AScanOfAnotherDayIsFoundAtAnyHeading) {
     expect_right(relocalise(query), truth);
 
     PosePrior prior;
-    prior.T_map_scan = truth * upright_pose(1.4, -1.4, 10 * kDeg);
+    prior.T_map_scan = truth * upright_pose(1.4, -1.4, 10 * kRadPerDeg);
     const RelocalisationAnswer with_prior = relocalise(query, prior);
     expect_right(with_prior, truth);
     EXPECT_LT(with_prior.cells_considered, map_->graph.nodes.size());
@@ -165,7 +165,7 @@ TEST_F(RelocalisationInATown, ASensorThatLeansBy10DegreesIsFound) {
   source->seek(33);
   const auto scan = source->next();
   Pose T_upright_sensor = upright_pose(0, 0, 2.0);
-  T_upright_sensor.rotate(Eigen::AngleAxisd(10 * kDeg, Eigen::Vector3d(0.6, 0.8, 0)));
+  T_upright_sensor.rotate(Eigen::AngleAxisd(10 * kRadPerDeg, Eigen::Vector3d(0.6, 0.8, 0)));
   expect_right(relocalise(transformed(scan->points, T_upright_sensor.inverse())),
                source->ground_truth()[33].pose * T_upright_sensor);
 }
@@ -265,7 +265,7 @@ TEST(PolarImage, CorrelationPeaksAtTheTurnBetweenTwoViews) {
   for (int i = 0; i < 3000; ++i) points.push_back({xy(rng), xy(rng), z(rng)});
   const PolarImage image(points);
   for (const int sectors : {0, 7, 45}) {
-    const PolarImage seen(turned(points, -sectors * 6 * kDeg));
+    const PolarImage seen(turned(points, -sectors * 6 * kRadPerDeg));
     const std::vector<float> agreement = image.correlate(seen);
     const auto peak = std::max_element(agreement.begin(), agreement.end());
     EXPECT_EQ(peak - agreement.begin(), sectors);
@@ -278,12 +278,12 @@ TEST(RecentredImages, FindWhereTheScanStandsBesideTheOrigin) {
   std::uniform_real_distribution<float> xy(-60, 60), z(-2, 6);
   PointCloud cell;
   for (int i = 0; i < 3000; ++i) cell.push_back({xy(rng), xy(rng), z(rng)});
-  const Pose T_cell_scan = upright_pose(2, -2, 54 * kDeg);
+  const Pose T_cell_scan = upright_pose(2, -2, 54 * kRadPerDeg);
   const RecentredImages query(transformed(cell, T_cell_scan.inverse()));
   const auto found = query.align(PolarImage(cell), 3);
   ASSERT_FALSE(found.empty());
   EXPECT_LT((found[0].T_cell_scan.translation() - T_cell_scan.translation()).norm(), 1.5);
-  EXPECT_LT(angle_between_rad(found[0].T_cell_scan, T_cell_scan), 6.1 * kDeg);
+  EXPECT_LT(angle_between_rad(found[0].T_cell_scan, T_cell_scan), 6.1 * kRadPerDeg);
 }
 
 }  // namespace

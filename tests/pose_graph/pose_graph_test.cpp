@@ -13,7 +13,7 @@
 namespace cellmap {
 namespace {
 
-Tangent random_tangent(std::mt19937& rng, double translation, double rotation) {
+Tangent random_step(std::mt19937& rng, double translation, double rotation) {
   std::normal_distribution<double> normal;
   Tangent xi;
   for (int i = 0; i < 6; ++i) xi[i] = normal(rng) * (i < 3 ? translation : rotation);
@@ -49,13 +49,13 @@ double cost_by_definition(const PoseGraph& graph) {
 
 PoseGraph random_graph(std::mt19937& rng, std::uint32_t nodes, std::uint32_t extra_ties) {
   PoseGraph graph;
-  Pose T = exp(random_tangent(rng, 1, 0.5));
+  Pose T = exp(random_step(rng, 1, 0.5));
   for (std::uint32_t i = 0; i < nodes; ++i) {
     graph.nodes[{i + 10}] = T;
-    const Pose step = exp(random_tangent(rng, 2, 0.5));
+    const Pose step = exp(random_step(rng, 2, 0.5));
     T = T * step;
     if (i + 1 < nodes) {
-      graph.constraints.push_back(tie(i + 10, i + 11, step * exp(random_tangent(rng, 0.05, 0.02))));
+      graph.constraints.push_back(tie(i + 10, i + 11, step * exp(random_step(rng, 0.05, 0.02))));
     }
   }
   std::uniform_int_distribution<std::uint32_t> pick(10, nodes + 9);
@@ -63,7 +63,7 @@ PoseGraph random_graph(std::mt19937& rng, std::uint32_t nodes, std::uint32_t ext
     const std::uint32_t a = pick(rng), b = pick(rng);
     if (a == b) continue;
     const Pose measured = graph.nodes[{a}].inverse() * graph.nodes[{b}];
-    graph.constraints.push_back(tie(a, b, measured * exp(random_tangent(rng, 0.05, 0.02))));
+    graph.constraints.push_back(tie(a, b, measured * exp(random_step(rng, 0.05, 0.02))));
     --extra_ties;
   }
   for (Constraint& c : graph.constraints) c.information = random_information(rng);
@@ -112,7 +112,7 @@ TEST(PoseGraph, TheLowestNodeOfEveryComponentKeepsItsPoseToTheBit) {
     c.to.value += 100;
     graph.constraints.push_back(c);
   }
-  graph.nodes[{500}] = exp(random_tangent(rng, 1, 1));  // tied to nothing
+  graph.nodes[{500}] = exp(random_step(rng, 1, 1));  // tied to nothing
   const auto before = graph.nodes;
 
   const PoseGraphSummary summary = optimize(graph);

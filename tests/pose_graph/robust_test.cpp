@@ -12,12 +12,12 @@ namespace cellmap {
 namespace {
 
 constexpr std::uint32_t kRound = 40;  ///< nodes of one round of the block
-constexpr double kSigmaM = 0.05, kSigmaRad = 0.002;
+constexpr double kMeasuredSigmaM = 0.05, kMeasuredSigmaRad = 0.002;
 
-Tangent noise(std::mt19937& rng) {
+Tangent measurement_noise(std::mt19937& rng) {
   std::normal_distribution<double> normal;
   Tangent xi;
-  for (int i = 0; i < 6; ++i) xi[i] = normal(rng) * (i < 3 ? kSigmaM : kSigmaRad);
+  for (int i = 0; i < 6; ++i) xi[i] = normal(rng) * (i < 3 ? kMeasuredSigmaM : kMeasuredSigmaRad);
   return xi;
 }
 
@@ -41,10 +41,10 @@ struct World {
     c.id = {static_cast<std::uint32_t>(graph.constraints.size() + 1)};
     c.from = {from};
     c.to = {to};
-    c.T_from_to = exp(noise(rng)) * T_from_to;
+    c.T_from_to = exp(measurement_noise(rng)) * T_from_to;
     c.kind = kind;
-    c.information.diagonal().head<3>().setConstant(1 / (kSigmaM * kSigmaM));
-    c.information.diagonal().tail<3>().setConstant(1 / (kSigmaRad * kSigmaRad));
+    c.information.diagonal().head<3>().setConstant(1 / (kMeasuredSigmaM * kMeasuredSigmaM));
+    c.information.diagonal().tail<3>().setConstant(1 / (kMeasuredSigmaRad * kMeasuredSigmaRad));
     graph.constraints.push_back(c);
     is_true.push_back(is_right);
   }
@@ -75,7 +75,7 @@ struct World {
 
   /// Places that look alike: `count` neighbours of `from` are taken for those of `to`.
   void false_loops(std::uint32_t from, std::uint32_t to, std::uint32_t count, std::mt19937& rng) {
-    const Pose T = exp(Tangent(20 * noise(rng)));
+    const Pose T = exp(Tangent(20 * measurement_noise(rng)));
     for (std::uint32_t i = 0; i < count; ++i) {
       const Pose T_here = between(from, from + i).inverse() * T * between(to, to + i);
       tie(from + i, to + i, T_here, ConstraintKind::kLoop, false, rng);
@@ -183,7 +183,7 @@ TEST(Rejection, ChiSquareAndWeightAreThoseOfTheFinalPoses) {
     if (report.verdict == Verdict::kAccepted) {
       EXPECT_EQ(c.weight, 1.0);
       EXPECT_LE(c.chi2, 16);
-      EXPECT_LT(report.gap_m, 6 * kSigmaM);
+      EXPECT_LT(report.gap_m, 6 * kMeasuredSigmaM);
     }
     if (report.verdict == Verdict::kRejected) {
       EXPECT_EQ(c.weight, 0.0);

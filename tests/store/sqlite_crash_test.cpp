@@ -13,10 +13,10 @@
 namespace cellmap::test {
 namespace {
 
-constexpr std::size_t kCellBytes = 20'000;
+constexpr std::size_t kCrashCellBytes = 20'000;
 
 NewCell numbered_cell(std::uint32_t id) {
-  return make_cell(id, pose_at(id, 0), "drive", kCellBytes);
+  return make_cell(id, pose_at(id, 0), "drive", kCrashCellBytes);
 }
 
 /// A child process that commits CELL after CELL and writes the id of each acknowledged one to a
@@ -64,7 +64,7 @@ std::uint32_t expect_intact(const Store& store, std::uint32_t acknowledged) {
   const PoseGraph graph = store.pose_graph("town");
   EXPECT_EQ(graph.constraints.size(), map.cells == 0 ? 0 : map.cells - 1);
   for (std::uint32_t id = 0; id < map.cells; ++id) {
-    EXPECT_EQ(zstd_decompress(*store.compressed_cell("town", {id}), kCellBytes),
+    EXPECT_EQ(zstd_decompress(*store.compressed_cell("town", {id}), kCrashCellBytes),
               numbered_cell(id).encoded.bytes);
     EXPECT_EQ(graph.nodes.at({id}).translation().y(), id + 1 == map.cells ? 0 : 1);
   }

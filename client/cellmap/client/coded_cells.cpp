@@ -15,7 +15,7 @@ using client::HttpRequest;
 using client::HttpResponse;
 using client::Json;
 
-constexpr std::size_t kBatchCells = 128;
+constexpr std::size_t kCodedBatchCells = 128;
 
 std::string media_type(const char* type, const CodedCellForm& form, bool is_coarse) {
   std::string text = std::string("application/vnd.cellmap.") + type;
@@ -108,7 +108,8 @@ void CodedCellReader::for_each_cell(
   for (const CellRecord& cell : cells) missing[cell.id] = &cell;
   while (!missing.empty()) {
     Json ids = Json::array();
-    for (auto cell = missing.begin(); cell != missing.end() && ids.size() < kBatchCells; ++cell) {
+    for (auto cell = missing.begin(); cell != missing.end() && ids.size() < kCodedBatchCells;
+         ++cell) {
       ids.push_back(cell->first.value);
     }
     HttpRequest request = client::json_request("POST", client::map_path(map) + "/cells:batch",

@@ -15,7 +15,7 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kWindowBytes = 1u << 20;
+constexpr std::size_t kScannedAtOnce = 1u << 20;
 
 /// Reads forward through a window.
 class Scanner {
@@ -28,7 +28,7 @@ class Scanner {
   std::span<const std::byte> at(std::uint64_t offset, std::size_t length) {
     if (offset < begin_ || offset + length > begin_ + window_.size()) {
       begin_ = offset;
-      window_ = source_.read(offset, std::max(length, kWindowBytes));
+      window_ = source_.read(offset, std::max(length, kScannedAtOnce));
     }
     const auto rest = std::span<const std::byte>(window_).subspan(offset - begin_);
     return rest.first(std::min(length, rest.size()));

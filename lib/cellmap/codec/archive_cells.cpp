@@ -12,13 +12,13 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kMaxTables = 4;
+constexpr std::size_t kMaxCellsTables = 4;
 constexpr std::size_t kMaxScans = 1u << 24;
 /// Scans whose columns are all zero take no bytes: so many may be, else memory had no bound.
 constexpr std::size_t kMaxScansWithoutBytes = 1u << 16;
 constexpr std::size_t kMaxScansPerCell = 100'000;
 constexpr std::int64_t kMaxCount = 1'000'000'000'000'000;  // of points, as in a store
-constexpr int kCoordinates = 6;
+constexpr int kPoseColumns = 6;
 
 constexpr BufferKind kCellsKind = {
     "archive's list of CELLs", "CACL", kMaxArchiveSectionBytes,
@@ -27,7 +27,7 @@ constexpr BufferKind kScansKind = {
     "archive's list of scans", "CASC", kMaxArchiveSectionBytes,
     [](flatbuffers::Verifier& v) { return v.VerifyBuffer<schema::ArchiveScans>("CASC"); }};
 
-Error corrupt(const std::string& what) {
+Error corrupt_cells(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "a section of the archive is not valid: " + what);
 }
 
@@ -42,14 +42,14 @@ std::vector<std::int64_t> bounded_column(const WireColumn& wire, std::size_t cou
   auto values = column_from_wire(wire, count, name);
   for (const std::int64_t value : values) {
     if (value < 0 || value > max) {
-      throw corrupt(std::string("a value of '") + name + "' is " + std::to_string(value) +
-                    ", expected 0 to " + std::to_string(max));
+      throw corrupt_cells(std::string("a value of '") + name + "' is " + std::to_string(value) +
+                          ", expected 0 to " + std::to_string(max));
     }
   }
   return values;
 }
 
-std::int64_t& coordinate(GridPose& pose, int column) {
+std::int64_t& pose_column(GridPose& pose, int column) {
   return column < 3 ? pose.translation[column] : pose.rotation[column - 3];
 }
 
@@ -66,20 +66,21 @@ std::vector<Pose> poses_of(const std::map<CellId, CellScans>& stretches) {
 std::vector<Pose> poses_from_wire(const schema::ArchiveScans& wire, std::size_t count) {
   std::vector<Pose> poses;
   if (const auto* exact = wire.poses()) {
-    if (exact->size() != count) throw corrupt("its poses are not as many as CELLs and scans");
+    if (exact->size() != count) throw corrupt_cells("its poses are not as many as CELLs and scans");
     for (const schema::Pose* pose : *exact) poses.push_back(pose_from_wire(pose, "a scan's pose"));
     return poses;
   }
-  const std::array<const WireColumn*, kCoordinates> columns = {wire.x(),  wire.y(),  wire.z(),
+  const std::array<const WireColumn*, kPoseColumns> columns = {wire.x(),  wire.y(),  wire.z(),
                                                                wire.rx(), wire.ry(), wire.rz()};
   std::vector<GridPose> grid(count);
-  for (int i = 0; i < kCoordinates; ++i) {
-    if (!columns[i]) throw corrupt("a column of its poses is missing");
+  for (int i = 0; i < kPoseColumns; ++i) {
+    if (!columns[i]) throw corrupt_cells("a column of its poses is missing");
     const std::int64_t limit = i < 3 ? kMaxGridTranslation : kMaxGridRotation;
     const auto values = column_from_wire(*columns[i], count, "poses");
     for (std::size_t row = 0; row < values.size(); ++row) {
-      if (values[row] < -limit || values[row] > limit) throw corrupt("a pose is out of range");
-      coordinate(grid[row], i) = values[row];
+      if (values[row] < -limit || values[row] > limit)
+        throw corrupt_cells("a pose is out of range");
+      pose_column(grid[row], i) = values[row];
     }
   }
   for (const GridPose& pose : grid) poses.push_back(from_grid(pose));
@@ -115,11 +116,12 @@ Bytes encode_archive_cells(std::span<const ArchivedCell> cells) {
 
 std::vector<ArchivedCell> decode_archive_cells(std::span<const std::byte> bytes,
                                                std::size_t sessions) {
-  const Bytes copy = verified_copy(bytes, kCellsKind, kMaxTables);
+  const Bytes copy = verified_copy(bytes, kCellsKind, kMaxCellsTables);
   const auto& wire = *flatbuffers::GetRoot<schema::ArchiveCells>(copy.data());
   const std::size_t count = wire.count();
   const auto ids = ids_of_column(*wire.cells(), count, kMaxArchiveCells, "cells");
-  if (wire.hashes()->size() != count) throw corrupt("its hashes are not as many as its CELLs");
+  if (wire.hashes()->size() != count)
+    throw corrupt_cells("its hashes are not as many as its CELLs");
   const auto last_session = static_cast<std::int64_t>(sessions) - 1;
   const auto session = bounded_column(*wire.session(), count, last_session, "session");
   const auto sequence = bounded_column(*wire.sequence(), count, UINT32_MAX, "sequence");
@@ -153,18 +155,18 @@ Bytes encode_archive_scans(const std::map<CellId, CellScans>& stretches, bool ex
   const auto wire_voxel = column_to_wire(builder, voxel_points);
   const auto wire_stamps = column_to_wire(builder, stamps);
   flatbuffers::Offset<flatbuffers::Vector<const schema::Pose*>> wire_poses;
-  std::array<flatbuffers::Offset<WireColumn>, kCoordinates> columns;
+  std::array<flatbuffers::Offset<WireColumn>, kPoseColumns> columns;
   if (exact) {
     std::vector<schema::Pose> wire;
     for (const Pose& pose : poses) wire.push_back(pose_to_wire(pose));
     wire_poses = builder.CreateVectorOfStructs(wire);
   } else {
-    std::array<std::vector<std::int64_t>, kCoordinates> values;
+    std::array<std::vector<std::int64_t>, kPoseColumns> values;
     for (const Pose& pose : poses) {
       GridPose grid = to_grid(pose);
-      for (int i = 0; i < kCoordinates; ++i) values[i].push_back(coordinate(grid, i));
+      for (int i = 0; i < kPoseColumns; ++i) values[i].push_back(pose_column(grid, i));
     }
-    for (int i = 0; i < kCoordinates; ++i) columns[i] = column_to_wire(builder, values[i]);
+    for (int i = 0; i < kPoseColumns; ++i) columns[i] = column_to_wire(builder, values[i]);
   }
   builder.Finish(schema::CreateArchiveScans(
                      builder, kFormatVersion, static_cast<std::uint32_t>(ids.size()), wire_ids,
@@ -175,7 +177,7 @@ Bytes encode_archive_scans(const std::map<CellId, CellScans>& stretches, bool ex
 }
 
 std::map<CellId, CellScans> decode_archive_scans(std::span<const std::byte> bytes) {
-  const Bytes copy = verified_copy(bytes, kScansKind, kMaxTables);
+  const Bytes copy = verified_copy(bytes, kScansKind, kMaxCellsTables);
   const auto& wire = *flatbuffers::GetRoot<schema::ArchiveScans>(copy.data());
   const std::size_t count = wire.count();
   const auto ids = ids_of_column(*wire.cells(), count, kMaxArchiveCells, "cells");

@@ -12,15 +12,16 @@
 namespace cellmap {
 namespace {
 
-constexpr char kIdentifier[] = "CADR";
+constexpr char kDirectoryIdentifier[] = "CADR";
 constexpr std::size_t kMaxBytes = 32u << 20;
-constexpr std::size_t kMaxTables = 4;
-constexpr BufferKind kKind = {
-    "archive directory", kIdentifier, kMaxBytes,
-    [](flatbuffers::Verifier& v) { return v.VerifyBuffer<schema::ArchiveDirectory>(kIdentifier); }};
+constexpr std::size_t kMaxDirectoryTables = 4;
+constexpr BufferKind kDirectoryKind = {
+    "archive directory", kDirectoryIdentifier, kMaxBytes, [](flatbuffers::Verifier& v) {
+      return v.VerifyBuffer<schema::ArchiveDirectory>(kDirectoryIdentifier);
+    }};
 constexpr int kLevel = 19;
 
-Error corrupt(const std::string& what) {
+Error corrupt_directory(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "a directory of the archive is damaged: " + what);
 }
 
@@ -46,7 +47,7 @@ Bytes encode_archive_directory(std::span<const ArchiveEntry> entries, std::uint6
   builder.Finish(schema::CreateArchiveDirectory(
                      builder, kFormatVersion, static_cast<std::uint32_t>(entries.size()),
                      wire_cells, wire_gaps, wire_lengths, wire_checksums),
-                 kIdentifier);
+                 kDirectoryIdentifier);
   return zstd_compress(std::as_bytes(std::span(builder.GetBufferPointer(), builder.GetSize())),
                        kLevel);
 }
@@ -55,7 +56,7 @@ std::vector<ArchiveEntry> decode_archive_directory(std::span<const std::byte> fr
                                                    std::uint64_t begin, std::uint64_t end,
                                                    bool of_leaves) {
   const Bytes bytes = zstd_decompress(frame, kMaxBytes);
-  verify_buffer(bytes, kKind, kMaxTables);
+  verify_buffer(bytes, kDirectoryKind, kMaxDirectoryTables);
   const auto& wire = *flatbuffers::GetRoot<schema::ArchiveDirectory>(bytes.data());
   const std::size_t count = wire.count();
   const auto cells = ids_of_column(*wire.cells(), count, kMaxArchiveCells, "cells");
@@ -63,7 +64,7 @@ std::vector<ArchiveEntry> decode_archive_directory(std::span<const std::byte> fr
   const auto lengths = column_from_wire(*wire.lengths(), count, "lengths");
   const auto* checksums = wire.checksums();
   if (of_leaves != (checksums != nullptr) || (checksums && checksums->size() != count)) {
-    throw corrupt("its checksums are not as many as its rows");
+    throw corrupt_directory("its checksums are not as many as its rows");
   }
   std::vector<ArchiveEntry> entries;
   for (std::size_t i = 0; i < count; ++i) {
@@ -77,7 +78,8 @@ std::vector<ArchiveEntry> decode_archive_directory(std::span<const std::byte> fr
       if (checksums) entry.checksum = checksums->Get(static_cast<flatbuffers::uoffset_t>(i));
     }
     if (!in_range || entry.end() > end) {
-      throw corrupt("it says that CELL " + std::to_string(cells[i]) + " lies outside of the data");
+      throw corrupt_directory("it says that CELL " + std::to_string(cells[i]) +
+                              " lies outside of the data");
     }
     begin = entry.end();
     entries.push_back(entry);

@@ -13,15 +13,15 @@
 namespace cellmap {
 namespace {
 
-constexpr char kIdentifier[] = "CAFT";
-constexpr BufferKind kKind = {
-    "archive footer", kIdentifier, kMaxArchiveFooterBytes,
+constexpr char kFooterIdentifier[] = "CAFT";
+constexpr BufferKind kFooterKind = {
+    "archive footer", kFooterIdentifier, kMaxArchiveFooterBytes,
     [](flatbuffers::Verifier& v) { return schema::VerifyArchiveFooterBuffer(v); }};
 /// A session or section with storage of its own takes more bytes than this.
 constexpr std::size_t kMinTableBytes = 16;
 constexpr std::size_t kMaxTextBytes = 64;
 
-Error corrupt(const std::string& what) {
+Error corrupt_footer(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "the archive's footer is not valid: " + what);
 }
 
@@ -33,17 +33,18 @@ void check_encoding(const ArchiveFooter& footer) {
   }
   const bool compact = footer.encoding == ArchiveEncoding::kCompact;
   const bool bounded = footer.bound_m >= kMinCompactBoundM && footer.bound_m <= kMaxCompactBoundM;
-  if (compact ? !bounded : footer.bound_m != 0) throw corrupt("its bound is out of range");
+  if (compact ? !bounded : footer.bound_m != 0) throw corrupt_footer("its bound is out of range");
 }
 
 void check_sessions(const ArchiveFooter& footer) {
   std::set<std::string> names;
   for (const ArchiveSession& session : footer.sessions) {
     if (!is_session_name(session.name) || !names.insert(session.name).second) {
-      throw corrupt("a session has no name of its own of 1 to 64 characters of A-Z a-z 0-9 . _ -");
+      throw corrupt_footer(
+          "a session has no name of its own of 1 to 64 characters of A-Z a-z 0-9 . _ -");
     }
     for (const std::string* text : {&session.robot, &session.sensor, &session.odometry_frame}) {
-      if (text->size() > kMaxTextBytes) throw corrupt("a session's description is too long");
+      if (text->size() > kMaxTextBytes) throw corrupt_footer("a session's description is too long");
     }
   }
 }
@@ -64,17 +65,17 @@ void check_sections(const ArchiveFooter& footer) {
                                                std::to_string(kind) + ") unknown to this build");
     }
     if (section.kind != ArchiveSectionKind::kSuperseded && !kinds.insert(section.kind).second) {
-      throw corrupt("it names a section twice");
+      throw corrupt_footer("it names a section twice");
     }
     if (section.offset != end || section.offset % kArchiveAlignment != 0 ||
         section.bytes > kMaxArchiveBytes || section.end() > kMaxArchiveBytes) {
-      throw corrupt("its sections do not lie one behind the other");
+      throw corrupt_footer("its sections do not lie one behind the other");
     }
     end = section.end();
   }
   if (!kinds.contains(ArchiveSectionKind::kPoseGraph) ||
       !kinds.contains(ArchiveSectionKind::kCells) || !kinds.contains(ArchiveSectionKind::kScans)) {
-    throw corrupt("it lacks the section of poses, of CELLs or of scans");
+    throw corrupt_footer("it lacks the section of poses, of CELLs or of scans");
   }
 }
 
@@ -86,7 +87,7 @@ void check_footer(const ArchiveFooter& footer) {
     try {
       footer.georeference->validate();
     } catch (const Error& error) {
-      throw corrupt(error.what());
+      throw corrupt_footer(error.what());
     }
   }
 }
@@ -162,7 +163,7 @@ Bytes encode_archive_footer(const ArchiveFooter& footer) {
 }
 
 ArchiveFooter decode_archive_footer(std::span<const std::byte> bytes) {
-  const Bytes copy = verified_copy(bytes, kKind, 64 + bytes.size() / kMinTableBytes);
+  const Bytes copy = verified_copy(bytes, kFooterKind, 64 + bytes.size() / kMinTableBytes);
   const auto& wire = *schema::GetArchiveFooter(copy.data());
   ArchiveFooter footer;
   footer.map = text_of(wire.map());

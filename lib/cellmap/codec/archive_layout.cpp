@@ -18,7 +18,7 @@ static_assert(std::endian::native == std::endian::little, "numbers are copied as
 constexpr std::array<char, 8> kHeadMagic = {'\x89', 'C', 'E', 'L', 'L', 'M', 'A', 'P'};
 constexpr std::array<char, 8> kRecordMagic = {'\x89', 'C', 'E', 'L', 'L', '\r', '\n', '\x1a'};
 constexpr std::array<char, 8> kTailMagic = {'P', 'A', 'M', 'L', 'L', 'E', 'C', '\x89'};
-constexpr std::uint8_t kLatticeVersion = 1;
+constexpr std::uint8_t kArchivedLatticeVersion = 1;
 constexpr std::uint32_t kHasLeaves = 1;
 
 template <typename T>
@@ -55,7 +55,7 @@ bool is_sealed(std::span<const std::byte> bytes, std::size_t size) {
   return Reader(bytes.subspan(size - 8)).get<std::uint64_t>() == checksum(bytes.first(size - 8));
 }
 
-Error corrupt(const std::string& what) {
+Error corrupt_layout(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "this is no archive that can be read: " + what);
 }
 
@@ -82,7 +82,7 @@ Bytes encode_archive_head(const ArchiveHead& head) {
   put(bytes, kHeadMagic);
   put(bytes, kFormatVersion);
   put(bytes, static_cast<std::uint8_t>(head.lattice.kind));
-  put(bytes, kLatticeVersion);
+  put(bytes, kArchivedLatticeVersion);
   put(bytes, head.lattice.size);
   put(bytes, head.cells);
   put(bytes, head.records_end);
@@ -95,8 +95,8 @@ Bytes encode_archive_head(const ArchiveHead& head) {
 }
 
 ArchiveHead decode_archive_head(std::span<const std::byte> bytes) {
-  if (!begins_with(bytes, kHeadMagic)) throw corrupt("its first bytes are not those of one");
-  if (bytes.size() < kArchiveHeadBytes) throw corrupt("it ends within its head");
+  if (!begins_with(bytes, kHeadMagic)) throw corrupt_layout("its first bytes are not those of one");
+  if (bytes.size() < kArchiveHeadBytes) throw corrupt_layout("it ends within its head");
   Reader reader(bytes.subspan(kHeadMagic.size()));
   const auto version = reader.get<std::uint16_t>();
   if (version != kFormatVersion) {
@@ -106,14 +106,14 @@ ArchiveHead decode_archive_head(std::span<const std::byte> bytes) {
                                              std::to_string(kFormatVersion) + "; update CELLmap");
   }
   if (!is_sealed(bytes, kArchiveHeadBytes)) {
-    throw corrupt("its head is damaged; 'cellmap repair' recovers what is intact");
+    throw corrupt_layout("its head is damaged; 'cellmap repair' recovers what is intact");
   }
   ArchiveHead head;
   head.lattice.kind = static_cast<LatticeKind>(reader.get<std::uint8_t>());
   const auto lattice_version = reader.get<std::uint8_t>();
   head.lattice.size = reader.get<std::uint32_t>();
   head.lattice.validate();
-  if (lattice_version != kLatticeVersion) {
+  if (lattice_version != kArchivedLatticeVersion) {
     throw Error(ErrorCode::kUnsupported, "the archive's lattice has version " +
                                              std::to_string(lattice_version) +
                                              ", but this build knows only version 1");
@@ -130,7 +130,7 @@ ArchiveHead decode_archive_head(std::span<const std::byte> bytes) {
       head.root_bytes > kMaxArchiveRootBytes || head.data_end > kMaxArchiveBytes ||
       (finished && (head.records_end < kArchiveFirstReadBytes || head.root_bytes == 0)) ||
       head.data_end < head.records_end) {
-    throw corrupt("a number of its head is out of range");
+    throw corrupt_layout("a number of its head is out of range");
   }
   return head;
 }

@@ -25,7 +25,7 @@ static_assert(kMinAddedCellBytes < kMinConstraintBytes);
 constexpr int kCoordinates = 6;
 constexpr const char* kColumnNames[kCoordinates] = {"x", "y", "z", "rx", "ry", "rz"};
 
-Error corrupt(const std::string& what) {
+Error corrupt_changes(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "these changes are not valid: " + what);
 }
 
@@ -40,8 +40,8 @@ template <typename Ids>
 void check_increasing(const Ids& ids, const char* name) {
   for (std::size_t i = 1; i < ids.size(); ++i) {
     if (ids[i - 1] < ids[i]) continue;
-    throw corrupt(std::string(name) + " " + std::to_string(ids[i].value) + " follows " +
-                  std::to_string(ids[i - 1].value) + ", but ids increase");
+    throw corrupt_changes(std::string(name) + " " + std::to_string(ids[i].value) + " follows " +
+                          std::to_string(ids[i - 1].value) + ", but ids increase");
   }
 }
 
@@ -51,16 +51,17 @@ void check_added(const MapChanges& changes) {
     ids.push_back(cell.id);
     const std::string name = "the added CELL " + std::to_string(cell.id.value);
     if (!is_session_name(cell.session)) {
-      throw corrupt(name + " has no session of 1 to 64 characters of A-Z a-z 0-9 . _ -");
+      throw corrupt_changes(name + " has no session of 1 to 64 characters of A-Z a-z 0-9 . _ -");
     }
     if (cell.added <= changes.since || cell.moved < cell.added || cell.moved > changes.revision) {
-      throw corrupt(name + " was not added after " + std::to_string(changes.since) +
-                    " and last moved by " + std::to_string(changes.revision));
+      throw corrupt_changes(name + " was not added after " + std::to_string(changes.since) +
+                            " and last moved by " + std::to_string(changes.revision));
     }
     if (!is_rigid(cell.T_map_cell)) {
-      throw corrupt("the pose of " + name + " is not a rigid transform of finite numbers");
+      throw corrupt_changes("the pose of " + name + " is not a rigid transform of finite numbers");
     }
-    if (changes.moved.contains(cell.id)) throw corrupt(name + " is among the moved ones too");
+    if (changes.moved.contains(cell.id))
+      throw corrupt_changes(name + " is among the moved ones too");
   }
   check_increasing(ids, "the added CELL");
 }
@@ -68,8 +69,8 @@ void check_added(const MapChanges& changes) {
 /// The rules of FORMAT.md, "Changes", on everything but the columns of moved CELLs.
 void check_changes(const MapChanges& changes) {
   if (changes.revision < changes.since) {
-    throw corrupt("revision " + std::to_string(changes.revision) + " is before revision " +
-                  std::to_string(changes.since) + ", from which they lead on");
+    throw corrupt_changes("revision " + std::to_string(changes.revision) + " is before revision " +
+                          std::to_string(changes.since) + ", from which they lead on");
   }
   for (const std::size_t count :
        {changes.moved.size(), changes.unaligned.size(), changes.removed.size(),
@@ -82,16 +83,16 @@ void check_changes(const MapChanges& changes) {
   std::vector<ConstraintId> ids;
   for (const Constraint& constraint : changes.added_constraints) {
     check_constraint(constraint);
-    if (constraint.id.value == 0) throw corrupt("an added constraint has no number");
+    if (constraint.id.value == 0) throw corrupt_changes("an added constraint has no number");
     if (changes.judged.contains(constraint.id)) {
-      throw corrupt("the added constraint " + std::to_string(constraint.id.value) +
-                    " is among the judged ones too");
+      throw corrupt_changes("the added constraint " + std::to_string(constraint.id.value) +
+                            " is among the judged ones too");
     }
     ids.push_back(constraint.id);
   }
   check_increasing(ids, "the added constraint");
   for (const auto& [id, judgement] : changes.judged) {
-    if (id.value == 0) throw corrupt("a judged constraint has no number");
+    if (id.value == 0) throw corrupt_changes("a judged constraint has no number");
     check_weight(judgement.weight);
   }
 }
@@ -136,13 +137,14 @@ std::vector<Id> ids_from_wire(const schema::Ids* wire, const char* name) {
   if (count > kMaxIdsInChanges) throw too_many(count);
   // Ids increase, so only the column of id 0 alone has no bytes: what is allocated is bounded.
   if (count == 0 || count > bytes.size() + 1) {
-    throw corrupt(std::string("the column '") + name + "' of " + std::to_string(count) +
-                  " ids has " + std::to_string(bytes.size()) + " bytes");
+    throw corrupt_changes(std::string("the column '") + name + "' of " + std::to_string(count) +
+                          " ids has " + std::to_string(bytes.size()) + " bytes");
   }
   std::int64_t last = -1;
   for (const std::int64_t id : decode_column(bytes, count, name)) {
     if (id <= last || id > UINT32_MAX) {
-      throw corrupt(std::string("the ids of '") + name + "' do not increase from 0 to 4294967295");
+      throw corrupt_changes(std::string("the ids of '") + name +
+                            "' do not increase from 0 to 4294967295");
     }
     ids.push_back(Id{static_cast<std::uint32_t>(id)});
     last = id;
@@ -176,9 +178,9 @@ std::map<CellId, Pose> moved_from_wire(const schema::MovedCells& wire) {
     const auto values = decode_column(bytes_of(*columns[i]), cells.size(), kColumnNames[i]);
     for (std::size_t row = 0; row < cells.size(); ++row) {
       if (values[row] < -limit || values[row] > limit) {
-        throw corrupt(std::string("a coordinate ") + kColumnNames[i] + " is " +
-                      std::to_string(values[row]) + " steps, but at most " + std::to_string(limit) +
-                      " are allowed");
+        throw corrupt_changes(std::string("a coordinate ") + kColumnNames[i] + " is " +
+                              std::to_string(values[row]) + " steps, but at most " +
+                              std::to_string(limit) + " are allowed");
       }
       coordinate(poses[row], i) = values[row];
     }
@@ -235,7 +237,7 @@ flatbuffers::Offset<schema::JudgedConstraints> judged_to_wire(
 std::map<ConstraintId, Judgement> judged_from_wire(const schema::JudgedConstraints& wire) {
   const auto ids = ids_from_wire<ConstraintId>(wire.constraints(), "judged");
   if (wire.weight()->size() != ids.size() || wire.pinned()->size() != ids.size()) {
-    throw corrupt("the columns of judged constraints differ in length");
+    throw corrupt_changes("the columns of judged constraints differ in length");
   }
   std::map<ConstraintId, Judgement> judged;
   for (flatbuffers::uoffset_t row = 0; row < ids.size(); ++row) {

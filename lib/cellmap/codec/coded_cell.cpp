@@ -12,13 +12,13 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kMaxTables = 64;
-constexpr double kMicro = 1e-6;
+constexpr std::size_t kMaxCodedTables = 64;
+constexpr double kMetresPerUm = 1e-6;
 constexpr BufferKind kCodedKind = {
     "coded CELL", "CCOD", kMaxCodedCellBytes,
     [](flatbuffers::Verifier& v) { return schema::VerifyCodedCellBuffer(v); }};
 
-const schema::CodedCell& root(std::span<const std::byte> bytes) {
+const schema::CodedCell& coded_root(std::span<const std::byte> bytes) {
   return *schema::GetCodedCell(bytes.data());
 }
 
@@ -70,7 +70,7 @@ EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound
           cell.first_stamp, cell.last_stamp, cell.first_scan, cell.scan_count, statistics, coded));
   const auto* begin = reinterpret_cast<const std::byte*>(builder.GetBufferPointer());
   EncodedCell encoded{.hash = {}, .bytes = Bytes(begin, begin + builder.GetSize())};
-  const schema::CodedCell& wire = root(encoded.bytes);
+  const schema::CodedCell& wire = coded_root(encoded.bytes);
   const std::size_t coarse = bytes_before_data(encoded.bytes, wire) + layers[0].bytes.size();
   write_hash_without(std::span(encoded.bytes).first(coarse), *wire.coarse_hash(),
                      *wire.content_hash());
@@ -81,7 +81,7 @@ EncodedCell to_file(const Cell& cell, CellEncoding encoding, std::uint32_t bound
 /// Throws unless the fields that say how to decode are those of an encoder.
 void check_coding(const schema::CodedCell& wire, const Lattice& lattice) {
   const CellEncoding encoding = encoding_from_wire(wire.encoding());
-  const double bound_m = wire.bound_um() * kMicro;
+  const double bound_m = wire.bound_um() * kMetresPerUm;
   const bool is_bound_right = encoding == CellEncoding::kPacked
                                   ? wire.bound_um() == 0
                                   : bound_m >= kMinCompactBoundM && bound_m <= kMaxCompactBoundM;
@@ -107,12 +107,12 @@ void check_coding(const schema::CodedCell& wire, const Lattice& lattice) {
 
 /// Verified bytes; those after the coarse layer are not looked at where `is_coarse`.
 DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
-  const schema::CodedCell& wire = root(bytes);
+  const schema::CodedCell& wire = coded_root(bytes);
   DecodedCell decoded;
   decoded.hash = hash_from_wire(*wire.content_hash());
   decoded.raw_hash = hash_from_wire(*wire.raw_hash());
   decoded.encoding = encoding_from_wire(wire.encoding());
-  decoded.bound_m = wire.bound_um() * kMicro;
+  decoded.bound_m = wire.bound_um() * kMetresPerUm;
   decoded.is_coarse = is_coarse;
   decoded.all_planes = wire.plane_count();
   decoded.cell = header_from_wire(wire);
@@ -156,8 +156,8 @@ std::size_t checked_coarse_bytes(std::span<const std::byte> bytes, const schema:
 }
 
 DecodedCell decode_aligned(std::span<const std::byte> bytes) {
-  verify_buffer(bytes, kCodedKind, kMaxTables);
-  const schema::CodedCell& wire = root(bytes);
+  verify_buffer(bytes, kCodedKind, kMaxCodedTables);
+  const schema::CodedCell& wire = coded_root(bytes);
   check_hash(bytes, *wire.content_hash(), kCodedKind.name);
   check_coarse_hash(bytes.first(checked_coarse_bytes(bytes, wire)), wire);
   return decode_verified(bytes, false);
@@ -167,7 +167,7 @@ CodedLayers coded(const Cell& cell, std::uint32_t bound_um) {
   CodingLattice lattice(cell.lattice);
   return bound_um == 0
              ? encode_packed_planes(lattice, cell.indices, cell.planes)
-             : encode_compact_planes(lattice, cell.indices, cell.planes, bound_um * kMicro);
+             : encode_compact_planes(lattice, cell.indices, cell.planes, bound_um * kMetresPerUm);
 }
 
 }  // namespace
@@ -183,7 +183,7 @@ EncodedCell encode_compact_cell(const Cell& cell, double bound_m) {
                 "the bound of a compact CELL must be 0.001 to 1 m, not " + std::to_string(bound_m));
   }
   validate(cell);
-  const auto bound_um = static_cast<std::uint32_t>(std::floor(bound_m / kMicro + 1e-3));
+  const auto bound_um = static_cast<std::uint32_t>(std::floor(bound_m / kMetresPerUm + 1e-3));
   return to_file(cell, CellEncoding::kCompact, bound_um, coded(cell, bound_um));
 }
 
@@ -209,8 +209,8 @@ DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t fi
   // What is not there reads as zeros, which the structure does not lead to.
   Bytes bytes(prefix.begin(), prefix.end());
   bytes.resize(file_bytes);
-  verify_buffer(bytes, kCodedKind, kMaxTables);
-  const schema::CodedCell& wire = root(bytes);
+  verify_buffer(bytes, kCodedKind, kMaxCodedTables);
+  const schema::CodedCell& wire = coded_root(bytes);
   const std::size_t coarse = checked_coarse_bytes(bytes, wire);
   if (coarse > prefix.size()) {
     throw Error(ErrorCode::kCorruptData, "the coarse layer of the coded CELL ends after " +
@@ -222,13 +222,13 @@ DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t fi
 }
 
 std::size_t coarse_cell_bytes(std::span<const std::byte> bytes) {
-  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxTables);
-  return checked_coarse_bytes(copy, root(copy));
+  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxCodedTables);
+  return checked_coarse_bytes(copy, coded_root(copy));
 }
 
 ContentHash coded_content_hash(std::span<const std::byte> bytes) {
-  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxTables);
-  return hash_from_wire(*root(copy).content_hash());
+  const Bytes copy = verified_copy(bytes, kCodedKind, kMaxCodedTables);
+  return hash_from_wire(*coded_root(copy).content_hash());
 }
 
 }  // namespace cellmap

@@ -5,7 +5,7 @@ namespace {
 
 // Written by tests/codec/train_first_probabilities.cpp; part of the format.
 // clang-format off
-constexpr std::uint8_t kCompact[] = {
+constexpr std::uint8_t kCompact2[] = {
 5,128,247,128,19,31,43,56,46,48,65,69,34,39,22,66,49,68,59,71,41,52,54,60,
 53,63,74,55,59,65,57,72,86,75,68,73,40,53,57,69,53,60,55,73,49,52,26,99,
 76,77,35,98,60,61,81,64,83,64,92,36,71,61,92,76,105,74,121,79,67,63,72,48,
@@ -501,6 +501,6 @@ constexpr std::uint8_t kCompact[] = {
 
 }  // namespace
 
-std::span<const std::uint8_t> first_probabilities_2() { return kCompact; }
+std::span<const std::uint8_t> first_probabilities_2() { return kCompact2; }
 
 }  // namespace cellmap

@@ -25,7 +25,7 @@ std::string name_of(const Constraint& constraint) {
          std::to_string(constraint.from.value) + " to CELL " + std::to_string(constraint.to.value);
 }
 
-Error corrupt(const std::string& what) { return Error(ErrorCode::kCorruptData, what); }
+Error corrupt_graph(const std::string& what) { return Error(ErrorCode::kCorruptData, what); }
 
 bool is_share(double value) { return value >= 0.0 && value <= 1.0; }
 
@@ -35,7 +35,7 @@ void check_scores(const RegistrationScores& scores) {
                   is_share(scores.share_beyond) && std::isfinite(scores.median_residual_m) &&
                   scores.median_residual_m >= 0.0;
   if (!ok) {
-    throw corrupt(
+    throw corrupt_graph(
         "its scores are out of range: hits <= points, shares in [0, 1], a finite residual");
   }
 }
@@ -50,8 +50,8 @@ void check_kinds(const Constraint& constraint) {
 void check_ends(const Constraint& constraint, const PoseGraph& graph) {
   for (const CellId cell : {constraint.from, constraint.to}) {
     if (graph.nodes.contains(cell)) continue;
-    throw corrupt(name_of(constraint) + ": CELL " + std::to_string(cell.value) +
-                  " is no node of the graph");
+    throw corrupt_graph(name_of(constraint) + ": CELL " + std::to_string(cell.value) +
+                        " is no node of the graph");
   }
 }
 
@@ -59,8 +59,8 @@ void check_ends(const Constraint& constraint, const PoseGraph& graph) {
 void check_graph(const PoseGraph& graph) {
   for (const CellId cell : graph.unaligned) {
     if (!graph.nodes.contains(cell)) {
-      throw corrupt("the unaligned CELL " + std::to_string(cell.value) +
-                    " is no node of the graph");
+      throw corrupt_graph("the unaligned CELL " + std::to_string(cell.value) +
+                          " is no node of the graph");
     }
   }
   ConstraintId last;
@@ -69,8 +69,8 @@ void check_graph(const PoseGraph& graph) {
     check_ends(constraint, graph);
     if (constraint.id.value == 0) continue;  // not numbered yet
     if (constraint.id <= last) {
-      throw corrupt(name_of(constraint) + ": it follows constraint " + std::to_string(last.value) +
-                    ", but ids increase");
+      throw corrupt_graph(name_of(constraint) + ": it follows constraint " +
+                          std::to_string(last.value) + ", but ids increase");
     }
     last = constraint.id;
   }
@@ -138,7 +138,7 @@ Constraint constraint_from_wire(const schema::Constraint& wire) {
 }
 
 void check_weight(double weight) {
-  if (!is_share(weight)) throw corrupt("its weight is not between 0 and 1");
+  if (!is_share(weight)) throw corrupt_graph("its weight is not between 0 and 1");
 }
 
 void check_constraint(const Constraint& constraint) {
@@ -165,9 +165,9 @@ std::map<CellId, Pose> nodes_from_wire(const flatbuffers::Vector<const schema::N
     std::memcpy(static_cast<void*>(&node), wire.Data() + i * sizeof(node), sizeof(node));
     const CellId cell{node.cell()};
     if (!nodes.empty() && cell <= nodes.rbegin()->first) {
-      throw corrupt("the pose graph's node of CELL " + std::to_string(cell.value) +
-                    " follows that of CELL " + std::to_string(nodes.rbegin()->first.value) +
-                    ", but ids increase");
+      throw corrupt_graph("the pose graph's node of CELL " + std::to_string(cell.value) +
+                          " follows that of CELL " + std::to_string(nodes.rbegin()->first.value) +
+                          ", but ids increase");
     }
     const Pose T_map_cell = pose_from_wire(&node.t_map_cell(), "a node's pose T_map_cell");
     nodes.emplace_hint(nodes.end(), cell, T_map_cell);
@@ -182,8 +182,8 @@ Bytes encode_pose_graph(const PoseGraph& graph) {
   nodes.reserve(graph.nodes.size());
   for (const auto& [cell, T_map_cell] : graph.nodes) {
     if (!is_rigid(T_map_cell)) {
-      throw corrupt("the pose of CELL " + std::to_string(cell.value) +
-                    " is not a rigid transform of finite numbers");
+      throw corrupt_graph("the pose of CELL " + std::to_string(cell.value) +
+                          " is not a rigid transform of finite numbers");
     }
     nodes.emplace_back(cell.value, pose_to_wire(T_map_cell));
   }
@@ -224,7 +224,7 @@ PoseGraph decode_pose_graph(std::span<const std::byte> bytes) {
   if (wire.unaligned()) {
     for (const std::uint32_t cell : *wire.unaligned()) {
       if (!graph.unaligned.empty() && cell <= graph.unaligned.rbegin()->value) {
-        throw corrupt("the ids of unaligned CELLs do not increase");
+        throw corrupt_graph("the ids of unaligned CELLs do not increase");
       }
       graph.unaligned.insert(graph.unaligned.end(), CellId{cell});
     }

@@ -7,7 +7,7 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kHeaderBytes = 4;
+constexpr std::size_t kBatchHeaderBytes = 4;
 
 void check_limit(const char* what, std::size_t found, std::size_t limit) {
   if (found <= limit) return;
@@ -34,7 +34,7 @@ std::size_t read_length(std::span<const std::byte> bytes) {
 
 void append_to_scan_batch(Bytes& batch, const PosedScan& scan) {
   const Bytes bytes = encode_scan(scan);
-  check_limit("bytes", batch.size() + kHeaderBytes + bytes.size(), kMaxScanBatchBytes);
+  check_limit("bytes", batch.size() + kBatchHeaderBytes + bytes.size(), kMaxScanBatchBytes);
   for (int shift = 0; shift < 32; shift += 8) {
     batch.push_back(static_cast<std::byte>(bytes.size() >> shift));
   }
@@ -47,9 +47,9 @@ std::vector<PosedScan> decode_scan_batch(std::span<const std::byte> batch) {
   std::vector<PosedScan> scans;
   while (!batch.empty()) {
     check_limit("scans", scans.size() + 1, kMaxBatchScans);
-    check_rest("length", scans.size(), kHeaderBytes, batch.size());
+    check_rest("length", scans.size(), kBatchHeaderBytes, batch.size());
     const std::size_t length = read_length(batch);
-    batch = batch.subspan(kHeaderBytes);
+    batch = batch.subspan(kBatchHeaderBytes);
     check_rest("scan", scans.size(), length, batch.size());
     PosedScan scan = decode_scan(batch.first(length));
     if (!scans.empty() && scan.index != scans.back().index + 1) {

@@ -9,7 +9,7 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kMaxTables = 64;
+constexpr std::size_t kMaxScanTables = 64;
 constexpr BufferKind kScanKind = {
     "scan", "CSCN", kMaxScanPoints * 3 * sizeof(float) + 4096,
     [](flatbuffers::Verifier& v) { return schema::VerifyScanBuffer(v); }};
@@ -51,7 +51,7 @@ Bytes encode_scan(const PosedScan& scan) {
 }
 
 PosedScan decode_scan(std::span<const std::byte> bytes) {
-  const Bytes copy = verified_copy(bytes, kScanKind, kMaxTables);
+  const Bytes copy = verified_copy(bytes, kScanKind, kMaxScanTables);
   const schema::Scan& wire = *schema::GetScan(copy.data());
   check_point_count(wire.x()->size(), wire.y()->size(), wire.z()->size());
   PosedScan scan;

@@ -19,10 +19,10 @@ static_assert(sizeof(schema::Pose) == 96 && sizeof(schema::Hash256) == 32,
               "a struct of the format has changed: every file would become unreadable");
 
 constexpr std::size_t kAlignment = 8;  // of the largest number
-constexpr std::size_t kIdentifierOffset = 4;
+constexpr std::size_t kIdentifierPosition = 4;
 constexpr std::size_t kMaxDepth = 16;
 
-Error corrupt(const BufferKind& kind, const std::string& what) {
+Error corrupt_buffer(const BufferKind& kind, const std::string& what) {
   return Error(ErrorCode::kCorruptData, std::string("the bytes are no ") + kind.name + ": " + what);
 }
 
@@ -32,25 +32,25 @@ flatbuffers::Verifier verifier_of(std::span<const std::byte> bytes, std::size_t 
 }
 
 void check_identifier(std::span<const std::byte> bytes, const BufferKind& kind) {
-  if (bytes.size() < 2 * kIdentifierOffset) {
-    throw corrupt(kind, "expected at least 8 bytes, found " + std::to_string(bytes.size()));
+  if (bytes.size() < 2 * kIdentifierPosition) {
+    throw corrupt_buffer(kind, "expected at least 8 bytes, found " + std::to_string(bytes.size()));
   }
-  std::string found(reinterpret_cast<const char*>(bytes.data()) + kIdentifierOffset, 4);
+  std::string found(reinterpret_cast<const char*>(bytes.data()) + kIdentifierPosition, 4);
   if (found == kind.identifier) return;
   std::replace_if(
       found.begin(), found.end(), [](unsigned char c) { return !std::isprint(c); }, '?');
-  throw corrupt(kind, std::string("expected the identifier '") + kind.identifier + "', found '" +
-                          found + "'");
+  throw corrupt_buffer(kind, std::string("expected the identifier '") + kind.identifier +
+                                 "', found '" + found + "'");
 }
 
 /// Before the structure is judged by the rules of this version.
 void check_version(std::span<const std::byte> bytes, const BufferKind& kind) {
   flatbuffers::Verifier verifier = verifier_of(bytes, 1);
   if (!verifier.VerifyBuffer<schema::Versioned>(kind.identifier)) {
-    throw corrupt(kind, "the root table is damaged");
+    throw corrupt_buffer(kind, "the root table is damaged");
   }
   const auto version = flatbuffers::GetRoot<schema::Versioned>(bytes.data())->version();
-  if (version == 0) throw corrupt(kind, "it has no format version");
+  if (version == 0) throw corrupt_buffer(kind, "it has no format version");
   if (version != kFormatVersion) {
     throw Error(ErrorCode::kUnsupported,
                 std::string("this ") + kind.name + " has the format version " +
@@ -80,8 +80,8 @@ void verify_buffer(std::span<const std::byte> bytes, const BufferKind& kind,
   check_version(bytes, kind);
   flatbuffers::Verifier verifier = verifier_of(bytes, max_tables);
   if (!kind.verify(verifier)) {
-    throw corrupt(kind, "a field is missing, or an offset or a length leads out of the " +
-                            std::to_string(bytes.size()) + " bytes");
+    throw corrupt_buffer(kind, "a field is missing, or an offset or a length leads out of the " +
+                                   std::to_string(bytes.size()) + " bytes");
   }
 }
 

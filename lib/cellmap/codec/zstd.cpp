@@ -12,7 +12,7 @@
 namespace cellmap {
 namespace {
 
-Error corrupt(const std::string& what) {
+Error corrupt_frame(const std::string& what) {
   return Error(ErrorCode::kCorruptData, "the bytes are no single zstd frame: " + what);
 }
 
@@ -26,21 +26,21 @@ bool starts_with_zstd_magic(std::span<const std::byte> frame) {
 /// Looks only at headers: costs microseconds however much a frame claims to hold.
 std::size_t declared_size(std::span<const std::byte> frame, std::size_t max_size) {
   // Skippable and legacy frames have another magic number.
-  if (!starts_with_zstd_magic(frame)) throw corrupt("the magic number is not 28 B5 2F FD");
+  if (!starts_with_zstd_magic(frame)) throw corrupt_frame("the magic number is not 28 B5 2F FD");
   const unsigned long long declared = ZSTD_getFrameContentSize(frame.data(), frame.size());
-  if (declared == ZSTD_CONTENTSIZE_ERROR) throw corrupt("the frame header is damaged");
+  if (declared == ZSTD_CONTENTSIZE_ERROR) throw corrupt_frame("the frame header is damaged");
   if (declared == ZSTD_CONTENTSIZE_UNKNOWN)
-    throw corrupt("the frame does not declare its content size");
+    throw corrupt_frame("the frame does not declare its content size");
   if (declared > max_size) {
     throw Error(ErrorCode::kTooLarge, "a zstd frame declares " + std::to_string(declared) +
                                           " bytes, but at most " + std::to_string(max_size) +
                                           " are allowed here");
   }
   const std::size_t frame_size = ZSTD_findFrameCompressedSize(frame.data(), frame.size());
-  if (ZSTD_isError(frame_size)) throw corrupt(ZSTD_getErrorName(frame_size));
+  if (ZSTD_isError(frame_size)) throw corrupt_frame(ZSTD_getErrorName(frame_size));
   if (frame_size != frame.size()) {
-    throw corrupt("the frame ends after " + std::to_string(frame_size) + " of " +
-                  std::to_string(frame.size()) + " bytes");
+    throw corrupt_frame("the frame ends after " + std::to_string(frame_size) + " of " +
+                        std::to_string(frame.size()) + " bytes");
   }
   return static_cast<std::size_t>(declared);
 }
@@ -73,10 +73,10 @@ Bytes zstd_compress(std::span<const std::byte> data, int level) {
 Bytes zstd_decompress(std::span<const std::byte> frame, std::size_t max_size) {
   Bytes data(declared_size(frame, max_size));
   const std::size_t size = ZSTD_decompress(data.data(), data.size(), frame.data(), frame.size());
-  if (ZSTD_isError(size)) throw corrupt(ZSTD_getErrorName(size));
+  if (ZSTD_isError(size)) throw corrupt_frame(ZSTD_getErrorName(size));
   if (size != data.size()) {
-    throw corrupt("it declares " + std::to_string(data.size()) + " bytes, but holds " +
-                  std::to_string(size));
+    throw corrupt_frame("it declares " + std::to_string(data.size()) + " bytes, but holds " +
+                        std::to_string(size));
   }
   return data;
 }

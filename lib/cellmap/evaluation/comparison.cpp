@@ -181,7 +181,7 @@ ComparisonRow measure(const ComparedDrive& drive, const Representation& represen
   row.decode_s = processor_s() - read_s;
   if (!map.cells.empty()) {
     row.planes = 0;
-    for (const PlacedCell& placed : map.cells) *row.planes += placed.target->cell().planes.size();
+    for (const ReadCell& placed : map.cells) *row.planes += placed.target->cell().planes.size();
   }
   row.reconstruction = reference.measure(map);
   const HeldBackErrors errors = register_held_back(drive, map, options);

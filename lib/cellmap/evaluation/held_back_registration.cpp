@@ -51,7 +51,7 @@ RegistrationOptions registration_options() {
   return registration;
 }
 
-const PlacedCell& nearest_cell(const std::vector<PlacedCell>& cells, const Eigen::Vector3d& p) {
+const ReadCell& nearest_cell(const std::vector<ReadCell>& cells, const Eigen::Vector3d& p) {
   return *std::min_element(cells.begin(), cells.end(), [&](const auto& a, const auto& b) {
     return (a.T_map_cell.translation() - p).squaredNorm() <
            (b.T_map_cell.translation() - p).squaredNorm();
@@ -63,7 +63,7 @@ Pose found_pose(const DecodedMap& map, const std::optional<PointTarget>& points,
                 const PointCloud& scan, const Pose& T_map_start) {
   const RegistrationOptions options = registration_options();
   if (points) return register_to_points(*points, scan, T_map_start, options).T_target_source;
-  const PlacedCell& placed = nearest_cell(map.cells, T_map_start.translation());
+  const ReadCell& placed = nearest_cell(map.cells, T_map_start.translation());
   const Pose T_cell_start = placed.T_map_cell.inverse() * T_map_start;
   return placed.T_map_cell *
          register_scan(*placed.target, scan, T_cell_start, options).T_target_source;

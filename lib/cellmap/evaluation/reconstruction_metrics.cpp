@@ -11,7 +11,7 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kGrain = 1024;
+constexpr std::size_t kPointsAtOnce = 1024;
 
 double mean(std::span<const double> values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
@@ -26,7 +26,7 @@ double share_within(std::span<const double> distances_m, double limit_m) {
 template <typename DistanceOf>
 std::vector<double> distances(const PointCloud& from, int threads, const DistanceOf& distance_of) {
   std::vector<double> result(from.size());
-  parallel_for(from.size(), kGrain, threads, [&](std::size_t begin, std::size_t end) {
+  parallel_for(from.size(), kPointsAtOnce, threads, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) result[i] = distance_of(from[i]);
   });
   return result;

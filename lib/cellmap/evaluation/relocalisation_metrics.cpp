@@ -10,7 +10,7 @@
 namespace cellmap {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kUndefined = std::numeric_limits<double>::quiet_NaN();
 constexpr std::array kDistanceBordersM = {0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 10.0, 1e9};
 constexpr std::array kLateralBordersM = {0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 1e9};
 constexpr std::array kConfidenceBorders = {0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 0.995, 1.1};
@@ -21,7 +21,7 @@ bool is_right(const RelocalisationTrial& trial, const RelocalisationLimits& limi
 
 /// The value that a share `q` of all does not exceed (nearest rank).
 double quantile(std::vector<double>& sorted, double q) {
-  if (sorted.empty()) return kNaN;
+  if (sorted.empty()) return kUndefined;
   const auto rank = static_cast<std::size_t>(std::ceil(q * static_cast<double>(sorted.size())));
   return sorted[std::max<std::size_t>(rank, 1) - 1];
 }
@@ -32,7 +32,7 @@ MedianAndP95 spread(std::vector<double> values) {
 }
 
 double share(std::size_t part, std::size_t whole) {
-  return whole == 0 ? kNaN : static_cast<double>(part) / static_cast<double>(whole);
+  return whole == 0 ? kUndefined : static_cast<double>(part) / static_cast<double>(whole);
 }
 
 std::vector<RelocalisationReport::Bin> bins(std::span<const RelocalisationTrial> trials,

@@ -22,7 +22,7 @@ struct MapFile {
 using MapFiles = std::vector<MapFile>;
 
 /// A CELL of a map that was read back.
-struct PlacedCell {
+struct ReadCell {
   std::shared_ptr<const RegistrationTarget> target;
   Pose T_map_cell = Pose::Identity();
 };
@@ -34,7 +34,7 @@ struct DecodedMap {
   PointCloud points;
   PointCloud normals;  ///< as many as points, or none where the files hold none
   TriangleMesh surface;
-  std::vector<PlacedCell> cells;
+  std::vector<ReadCell> cells;
 };
 
 /// One way to keep a map. Both functions are deterministic but for the time they take.

@@ -16,7 +16,7 @@ namespace cellmap {
 namespace {
 
 constexpr double kDegreesPerRadian = 180.0 / std::numbers::pi;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kNoSegments = std::numeric_limits<double>::quiet_NaN();
 
 // The KITTI odometry devkit's choice.
 constexpr std::array<double, 8> kSegmentLengthsM = {100, 200, 300, 400, 500, 600, 700, 800};
@@ -78,7 +78,7 @@ void evaluate_segments(const std::vector<Pose>& estimate, const std::vector<Pose
       ++errors.segments;
     }
   }
-  const double count = errors.segments > 0 ? static_cast<double>(errors.segments) : kNaN;
+  const double count = errors.segments > 0 ? static_cast<double>(errors.segments) : kNoSegments;
   errors.t_rel_percent = 100.0 * translation / count;
   errors.r_rel_deg_per_100m = 100.0 * kDegreesPerRadian * rotation / count;
 }

@@ -84,7 +84,7 @@ std::uint8_t OccupancyGrid::value(const Pixel& pixel) const {
 void OccupancyGrid::add(const Cell& cell, const Lattice& lattice, const Pose& T_map_cell) {
   const Pose T_ground_cell = fit_ground(reconstruct_points(cell, lattice)).T_ground_sensor;
   // Half a pixel apart, so that no pixel of a patch is left out.
-  const PatchPoints patches =
+  const PointsOnPatches patches =
       patch_points(cell, lattice, Pose::Identity(), options_.resolution_m / 2);
   for (std::size_t i = 0; i < patches.points.size(); ++i) {
     const Eigen::Vector3d p = patches.points[i].cast<double>();

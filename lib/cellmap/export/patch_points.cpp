@@ -25,9 +25,9 @@ bool is_inside(const Outline& outline, const Eigen::Vector2d& p) {
 
 }  // namespace
 
-PatchPoints patch_points(const Cell& cell, const Lattice& lattice, const Pose& T_target_cell,
-                         double spacing_m) {
-  PatchPoints result;
+PointsOnPatches patch_points(const Cell& cell, const Lattice& lattice, const Pose& T_target_cell,
+                             double spacing_m) {
+  PointsOnPatches result;
   const auto add = [&](const Eigen::Vector3d& p, const Eigen::Vector3d& normal) {
     result.points.push_back((T_target_cell * p).cast<float>());
     result.normals.push_back((T_target_cell.linear() * normal).cast<float>());

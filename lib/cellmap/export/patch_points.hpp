@@ -6,13 +6,13 @@
 namespace cellmap {
 
 /// Points on the patches of a CELL and the normal of the patch at each.
-struct PatchPoints {
+struct PointsOnPatches {
   PointCloud points, normals;  ///< same length
 };
 
 /// Every plane at its lattice direction, and, with `spacing_m` > 0, a square grid of that spacing
 /// around it within the patch's outline (cell/patch_outline.hpp). Moved by `T_target_cell`.
-PatchPoints patch_points(const Cell& cell, const Lattice& lattice, const Pose& T_target_cell,
-                         double spacing_m);
+PointsOnPatches patch_points(const Cell& cell, const Lattice& lattice, const Pose& T_target_cell,
+                             double spacing_m);
 
 }  // namespace cellmap

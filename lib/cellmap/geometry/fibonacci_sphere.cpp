@@ -52,7 +52,7 @@ CosSin cos_sin(std::uint64_t units) {
   }
 }
 
-double dot(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+double product_in_order(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   return a.x() * b.x() + a.y() * b.y() + a.z() * b.z();
 }
 
@@ -236,7 +236,8 @@ std::uint32_t FibonacciSphere::nearest_in_zone(const Eigen::Vector3d& direction,
   double best_dot = -HUGE_VAL;
   for (std::size_t k = 0; k < 4; ++k) {
     if (chord2[k] > least + kNearTie) continue;
-    const double d = dot(this->direction(static_cast<std::uint32_t>(corners[k])), direction);
+    const double d =
+        product_in_order(this->direction(static_cast<std::uint32_t>(corners[k])), direction);
     if (d > best_dot || (d == best_dot && corners[k] < best)) {
       best_dot = d;
       best = corners[k];

@@ -132,7 +132,7 @@ TriangleMesh reconstruct(const std::vector<const PlacedScan*>& scans) {
   return trimmed(mesh, points);
 }
 
-DecodedMap decode(const MapFiles& files) {
+DecodedMap decode_mesh(const MapFiles& files) {
   DecodedMap map;
   map.surface = mesh_of_ply(files.at(0).bytes);
   for (std::size_t t = 0; t < map.surface.triangles.size(); ++t) {
@@ -154,7 +154,7 @@ Representation poisson_mesh() {
             for (const auto& scans : stretches(drive)) mesh.append(reconstruct(scans));
             return MapFiles{{"mesh.ply", ply_bytes(mesh)}};
           },
-          decode};
+          decode_mesh};
 }
 
 std::vector<Representation> representations() {

@@ -12,7 +12,7 @@ using Words = std::vector<std::string>;
 
 constexpr std::array<std::string_view, 10> kKeys = {
     "VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"};
-constexpr std::size_t kMaxHeaderLines = 1000;
+constexpr std::size_t kMaxPcdHeaderLines = 1000;
 constexpr std::size_t kMaxFields = 256;
 constexpr std::uint64_t kMaxCount = 4096;             // values of one field: descriptors
 constexpr std::uint64_t kMaxCloudBytes = 1ULL << 30;  // of all points in memory
@@ -30,7 +30,7 @@ struct PointLayout {
 std::map<std::string, Words> read_entries(HeaderText& text) {
   std::map<std::string, Words> entries;
   Words words;
-  for (std::size_t line = 0; line < kMaxHeaderLines && text.next(words); ++line) {
+  for (std::size_t line = 0; line < kMaxPcdHeaderLines && text.next(words); ++line) {
     if (words.empty() || words[0].starts_with('#')) continue;
     const std::string key = words[0];
     if (std::find(kKeys.begin(), kKeys.end(), key) == kKeys.end()) {

@@ -10,7 +10,7 @@ namespace {
 
 using Words = std::vector<std::string>;
 
-constexpr std::size_t kMaxHeaderLines = 1000;
+constexpr std::size_t kMaxPlyHeaderLines = 1000;
 constexpr std::array<std::pair<std::string_view, std::uint64_t>, 16> kTypeBytes = {
     {{"char", 1},
      {"int8", 1},
@@ -80,7 +80,7 @@ PlyHeader read_header(HeaderText& text) {
   if (!text.next(words) || words != Words{"ply"}) {
     throw text.corrupt("expected a PLY file (first line \"ply\"), found something else");
   }
-  for (std::size_t line = 0; line < kMaxHeaderLines && text.next(words); ++line) {
+  for (std::size_t line = 0; line < kMaxPlyHeaderLines && text.next(words); ++line) {
     if (words.empty()) throw text.corrupt("expected a header line, found an empty one");
     if (words[0] == "comment") continue;
     if (words[0] == "end_header") return header;

@@ -10,7 +10,7 @@
 namespace cellmap {
 namespace {
 
-constexpr double kStepM = 0.25;
+constexpr double kAlongStepM = 0.25;
 constexpr std::size_t kMiddle = 16;  ///< steps to either side
 constexpr std::size_t kApart = 3;
 constexpr std::size_t kPeaks = 2;
@@ -46,7 +46,7 @@ std::vector<Pose> starts_along_street(std::span<const CellAround> cells, const P
   const auto at = [&](std::size_t step) {
     Pose T = T_cell_scan;
     T.translation().head<2>() +=
-        kStepM * (static_cast<double>(step) - static_cast<double>(kMiddle)) * along;
+        kAlongStepM * (static_cast<double>(step) - static_cast<double>(kMiddle)) * along;
     return T;
   };
   Profile own{}, around{};

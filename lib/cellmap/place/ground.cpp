@@ -12,10 +12,10 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 /// Of so many points nine planes are fitted, and of more the best of them.
-constexpr std::size_t kFewPoints = 300, kMostPoints = 1'500;
+constexpr std::size_t kFewPoints = 300, kMostGroundPoints = 1'500;
 constexpr double kNearestM = 3.0, kFarthestM = 25.0;
 constexpr double kStartLeanRad = 8 * kRadPerDeg, kMostLeanRad = 15 * kRadPerDeg;
-constexpr double kLowestM = -4.0, kHighestM = -0.2;
+constexpr double kLowestGroundM = -4.0, kHighestGroundM = -0.2;
 constexpr double kAgreeM = 0.15, kLeastShare = 0.25;
 
 /// The plane z = slope . (x, y) + z0.
@@ -41,23 +41,24 @@ std::vector<Eigen::Vector3d> possible_ground(const PointCloud& points) {
     const Eigen::Vector3d p = points[i].cast<double>();
     const double range = p.head<2>().norm();
     if (!(range >= kNearestM && range <= kFarthestM)) continue;
-    if (p.z() > kHighestM + most_slope * range || p.z() < kLowestM - most_slope * range) continue;
+    if (p.z() > kHighestGroundM + most_slope * range || p.z() < kLowestGroundM - most_slope * range)
+      continue;
     found.push_back(p);
   }
-  return evenly(found, kMostPoints);
+  return evenly(found, kMostGroundPoints);
 }
 
 /// Of planes with this slope, the lowest height at which many points lie.
 double likely_height(const std::vector<Eigen::Vector3d>& points, const Eigen::Vector2d& slope) {
   constexpr double kBinM = 0.2;
-  constexpr auto kBins = static_cast<std::size_t>((kHighestM - kLowestM) / kBinM);
+  constexpr auto kBins = static_cast<std::size_t>((kHighestGroundM - kLowestGroundM) / kBinM);
   std::array<std::size_t, kBins> count{};
   for (const Eigen::Vector3d& p : points) {
-    const double bin = (p.z() - slope.dot(p.head<2>()) - kLowestM) / kBinM;
+    const double bin = (p.z() - slope.dot(p.head<2>()) - kLowestGroundM) / kBinM;
     if (bin >= 0 && bin < static_cast<double>(kBins)) ++count[static_cast<std::size_t>(bin)];
   }
   const auto most = std::max_element(count.begin(), count.end());
-  return kLowestM + (static_cast<double>(most - count.begin()) + 0.5) * kBinM;
+  return kLowestGroundM + (static_cast<double>(most - count.begin()) + 0.5) * kBinM;
 }
 
 GroundPlane improved(const std::vector<Eigen::Vector3d>& points, GroundPlane plane) {
@@ -111,7 +112,7 @@ GroundFrame fit_ground(const PointCloud& cloud) {
     plane.z0 = likely_height(few, plane.slope);
     plane = improved(few, plane);
     const std::size_t agree = agreeing(few, plane);
-    const bool possible = plane.z0 >= kLowestM && plane.z0 <= kHighestM &&
+    const bool possible = plane.z0 >= kLowestGroundM && plane.z0 <= kHighestGroundM &&
                           plane.slope.norm() <= std::tan(kMostLeanRad);
     if (!possible || agree <= most) continue;
     best = plane;

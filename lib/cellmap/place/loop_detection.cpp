@@ -19,7 +19,7 @@
 namespace cellmap {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 /// A guess is this uncertain however short the path.
 constexpr double kLeastShiftM = 2.0, kLeastTurnDeg = 5.0;
 /// What a registration reaches from one start on a wide gate.
@@ -49,7 +49,7 @@ struct Allowance {
 
   Allowance(double path_m, const LoopOptions& options)
       : shift_m(kLeastShiftM + options.drift_m_per_m * path_m),
-        turn_rad(kRadPerDeg * (kLeastTurnDeg + options.drift_deg_per_m * path_m)) {}
+        turn_rad(kRadiansPerDegree * (kLeastTurnDeg + options.drift_deg_per_m * path_m)) {}
 
   bool allows(const Pose& guess, const Pose& found) const {
     return (guess.translation() - found.translation()).norm() <= shift_m &&
@@ -75,11 +75,11 @@ std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const Loop
   std::vector<Pose> starts = {T};
   if (options.drift_m_per_m * guess.path_m < 1.0) return starts;
   for (const double turn_deg : {-5.0, 5.0}) {
-    starts.push_back(T * upright_pose(0, 0, turn_deg * kRadPerDeg));
+    starts.push_back(T * upright_pose(0, 0, turn_deg * kRadiansPerDegree));
   }
   Allowance allowance(guess.path_m, options);
   allowance.shift_m += kReachM;
-  allowance.turn_rad += 6 * kRadPerDeg;
+  allowance.turn_rad += 6 * kRadiansPerDegree;
   const PolarImage image(reconstruct_points(candidate.cell(), candidate.lattice()));
   for (const Alignment& alignment : query.images.align(image, 4 * options.seeds)) {
     if (starts.size() >= options.seeds + 3) break;
@@ -110,7 +110,7 @@ bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarge
   const Pose difference = T_candidate_query * reverse.T_target_source;
   return reverse.converged && difference.translation().norm() <= options.max_reverse_difference_m &&
          angle_between_rad(Pose::Identity(), difference) <=
-             options.max_reverse_difference_deg * kRadPerDeg;
+             options.max_reverse_difference_deg * kRadiansPerDegree;
 }
 
 bool is_believed(const RegistrationTarget& candidate, const LoopQuery& query,
@@ -162,7 +162,7 @@ std::vector<LoopClosure> verify_all(std::span<const LoopCandidate> candidates,
   return closures;
 }
 
-void require(bool holds, const char* rule) {
+void require_option(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("loop options need ") + rule);
 }
 
@@ -180,14 +180,14 @@ std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name) {
 }
 
 void LoopOptions::validate() const {
-  require(candidates <= 1000, "candidates <= 1000");
-  require(closures >= 1, "closures >= 1");
-  require(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");
-  require(drift_m_per_m > 0 && drift_m_per_m <= 10, "0 < drift_m_per_m <= 10");
-  require(drift_deg_per_m > 0 && drift_deg_per_m <= 180, "0 < drift_deg_per_m <= 180");
-  require(seeds <= 1000, "seeds <= 1000");
-  require(max_reverse_difference_m > 0, "max_reverse_difference_m > 0");
-  require(max_reverse_difference_deg > 0, "max_reverse_difference_deg > 0");
+  require_option(candidates <= 1000, "candidates <= 1000");
+  require_option(closures >= 1, "closures >= 1");
+  require_option(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");
+  require_option(drift_m_per_m > 0 && drift_m_per_m <= 10, "0 < drift_m_per_m <= 10");
+  require_option(drift_deg_per_m > 0 && drift_deg_per_m <= 180, "0 < drift_deg_per_m <= 180");
+  require_option(seeds <= 1000, "seeds <= 1000");
+  require_option(max_reverse_difference_m > 0, "max_reverse_difference_m > 0");
+  require_option(max_reverse_difference_deg > 0, "max_reverse_difference_deg > 0");
   acceptance.validate();
   structure.validate();
   search_options(*this).validate();

@@ -13,7 +13,7 @@ constexpr std::size_t kHarmonics = PlaceSignature::kHarmonics;
 constexpr double kMaxRangeM = PlaceSignature::kMaxRangeM;
 /// Heights above the ground that are told apart. The ground itself looks the same everywhere, and
 /// how far it is seen depends on what is parked there.
-constexpr float kLowestM = 0.3f, kHighestM = 8.0f;
+constexpr float kLowestSeenM = 0.3f, kHighestSeenM = 8.0f;
 constexpr float kFiner = 0.7f;
 
 using Mask = Eigen::Matrix<float, kRings, kSectors>;
@@ -137,8 +137,8 @@ Image image_of(const Columns& columns, const Eigen::Vector2d& centre) {
     const float range = std::sqrt(x * x + y * y);
     if (!(range < static_cast<float>(kMaxRangeM))) continue;
     const std::size_t ring = rings.of(range), sector = sector_of(x, y);
-    image(ring, sector) =
-        std::max(image(ring, sector), std::clamp(column.top_m, kLowestM, kHighestM) - kLowestM);
+    image(ring, sector) = std::max(
+        image(ring, sector), std::clamp(column.top_m, kLowestSeenM, kHighestSeenM) - kLowestSeenM);
     image(kRings + ring, sector) += column.upright;
   }
   image.bottomRows<kRings>() = image.bottomRows<kRings>().array().log1p();
@@ -157,7 +157,7 @@ Columns::Columns(const PointCloud& points) {
   for (std::size_t i = 0; i < points.size(); ++i) {
     const float x = points.x[i], y = points.y[i];
     if (std::isfinite(x) && std::isfinite(y) && (x != 0 || y != 0)) seen_[sector_of(x, y)] = true;
-    if (!(std::abs(x) < kReach && std::abs(y) < kReach && points.z[i] > kLowestM)) continue;
+    if (!(std::abs(x) < kReach && std::abs(y) < kReach && points.z[i] > kLowestSeenM)) continue;
     const std::size_t square =
         static_cast<std::size_t>(y + kReach) * kSide + static_cast<std::size_t>(x + kReach);
     if (column_of[square] == 0) {

@@ -11,7 +11,7 @@ namespace {
 constexpr float kLowestM = -3.0f, kHighestM = 10.0f;
 constexpr double kRecentringStepM = 2.0;
 /// Of a scan in nine images; a bin is 4 m by 6 deg and needs no more to be described.
-constexpr std::size_t kMostPoints = 20'000;
+constexpr std::size_t kMostImagePoints = 20'000;
 
 /// Mean 0 and squared norm 1/2, so that the correlations of two halves add up to at most 1.
 void normalise(std::span<float> values) {
@@ -69,7 +69,7 @@ std::vector<float> PolarImage::correlate(const PolarImage& other) const {
 }
 
 RecentredImages::RecentredImages(const PointCloud& full_scan) {
-  const PointCloud scan = every_nth(full_scan, full_scan.size() / kMostPoints + 1);
+  const PointCloud scan = every_nth(full_scan, full_scan.size() / kMostImagePoints + 1);
   for (const int i : {0, -1, 1}) {
     for (const int j : {0, -1, 1}) {
       const Eigen::Vector2d centre = kRecentringStepM * Eigen::Vector2d(i, j);

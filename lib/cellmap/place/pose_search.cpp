@@ -7,7 +7,7 @@
 namespace cellmap {
 namespace {
 
-constexpr double kSamePlaceM = 0.3, kSameHeadingRad = 0.03;
+constexpr double kSameSpotM = 0.3, kSameHeadingRad = 0.03;
 
 /// Wide gates first, because starts are metres away; a wider kernel than the final one, because few
 /// points are noisier.
@@ -22,7 +22,7 @@ RegistrationOptions search_registration(const RegistrationOptions& final_options
 }
 
 bool same_pose(const Pose& a, const Pose& b) {
-  return (a.translation() - b.translation()).norm() < kSamePlaceM &&
+  return (a.translation() - b.translation()).norm() < kSameSpotM &&
          angle_between_rad(a, b) < kSameHeadingRad;
 }
 

@@ -10,11 +10,11 @@
 namespace cellmap {
 namespace {
 
-constexpr double kStepM = 2.0;
+constexpr double kCentreStepM = 2.0;
 constexpr int kSteps = 2;
 /// A bin is 4 m by 6 deg and needs no more to be described.
-constexpr std::size_t kMostPoints = 20'000;
-constexpr std::size_t kSectors = PlaceSignature::kSectors;
+constexpr std::size_t kMostViewPoints = 20'000;
+constexpr std::size_t kTurns = PlaceSignature::kSectors;
 /// Of the first look at many CELLs. With seven, one in eight occluded queries lost its place.
 constexpr std::size_t kFirstLookHarmonics = 10;
 constexpr std::size_t kAllHarmonics = PlaceSignature::kHarmonics + 1;
@@ -22,14 +22,14 @@ constexpr std::size_t kAllHarmonics = PlaceSignature::kHarmonics + 1;
 }  // namespace
 
 DescribedQuery::DescribedQuery(const PointCloud& points) : ground_(fit_ground(points)) {
-  const PointCloud few = every_nth(points, points.size() / kMostPoints + 1);
+  const PointCloud few = every_nth(points, points.size() / kMostViewPoints + 1);
   const Columns columns(transformed(few, ground_.T_ground_sensor));
   seen_ = columns.seen();
   sees_all_ = columns.sees_all();
   std::vector<PlaceSignature> signatures, some;
   for (int i = -kSteps; i <= kSteps; ++i) {
     for (int j = -kSteps; j <= kSteps; ++j) {
-      const Eigen::Vector2d centre = kStepM * Eigen::Vector2d(i, j);
+      const Eigen::Vector2d centre = kCentreStepM * Eigen::Vector2d(i, j);
       signatures.emplace_back(columns, centre);
       copies_.push_back({centre, signatures.back()});
       if ((i + j) % 2 == 0) some.push_back(signatures.back());
@@ -71,10 +71,10 @@ void SignatureIndex::remove(CellId id) {
 
 float SignatureIndex::likeness(const DescribedQuery& query, std::size_t slot) const {
   if (query.sees_all()) return signatures_[slot].most_alike(query.views(), kAllHarmonics);
-  std::array<float, kSectors> by_turn;
+  std::array<float, kTurns> by_turn;
   signatures_[slot].correlate(query.views(), kAllHarmonics, by_turn);
   const PlaceSignature::Correlation visible = signatures_[slot].visible_share(query.seen());
-  for (std::size_t k = 0; k < kSectors; ++k) by_turn[k] /= visible[k];
+  for (std::size_t k = 0; k < kTurns; ++k) by_turn[k] /= visible[k];
   return *std::max_element(by_turn.begin(), by_turn.end());
 }
 
@@ -127,9 +127,9 @@ std::vector<PlaceAlignment> SignatureIndex::align(const DescribedQuery& query, C
   for (std::size_t c = 0; c < query.copies().size(); ++c) {
     const PlaceSignature::Correlation agreement =
         signatures_[slot].correlate(query.copies()[c].signature).cwiseQuotient(visible);
-    for (std::size_t k = 0; k < kSectors; ++k) {
-      const float before = agreement[(k + kSectors - 1) % kSectors];
-      const float after = agreement[(k + 1) % kSectors];
+    for (std::size_t k = 0; k < kTurns; ++k) {
+      const float before = agreement[(k + kTurns - 1) % kTurns];
+      const float after = agreement[(k + 1) % kTurns];
       if (agreement[k] >= before && agreement[k] > after) peaks.push_back({agreement[k], c, k});
     }
   }
@@ -144,7 +144,7 @@ std::vector<PlaceAlignment> SignatureIndex::align(const DescribedQuery& query, C
     // The copy's centre comes to lie on the CELL's origin: p_cell = R (p_query - centre), both in
     // their ground frames.
     const Eigen::Vector2d& centre = query.copies()[peaks[i].copy].centre;
-    const double yaw = 2 * std::numbers::pi * static_cast<double>(peaks[i].turn) / kSectors;
+    const double yaw = 2 * std::numbers::pi * static_cast<double>(peaks[i].turn) / kTurns;
     const Pose T_ground_ground =
         upright_pose(0, 0, yaw) * upright_pose(-centre.x(), -centre.y(), 0);
     best.push_back({grounds_[slot].T_ground_sensor.inverse() * T_ground_ground *

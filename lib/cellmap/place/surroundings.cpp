@@ -10,8 +10,8 @@
 namespace cellmap {
 namespace {
 
-constexpr std::size_t kSectors = 12, kRings = 4;
-constexpr std::uint32_t kFewestPlanes = 20;
+constexpr std::size_t kPartSectors = 12, kPartRings = 4;
+constexpr std::uint32_t kFewestVisible = 20;
 
 struct Votes {
   std::uint32_t visible = 0, tight = 0;
@@ -19,10 +19,10 @@ struct Votes {
 
 std::size_t part_of(const Eigen::Vector3f& p) {
   const double turn = std::atan2(p.y(), p.x()) / (2 * std::numbers::pi) + 0.5;
-  const auto sector = std::min(static_cast<std::size_t>(turn * kSectors), kSectors - 1);
+  const auto sector = std::min(static_cast<std::size_t>(turn * kPartSectors), kPartSectors - 1);
   const float range = p.norm();
   const std::size_t ring = range < 10 ? 0 : range < 20 ? 1 : range < 40 ? 2 : 3;
-  return sector * kRings + ring;
+  return sector * kPartRings + ring;
 }
 
 /// Where the scan is in the frame of a CELL, by the CELL.
@@ -45,7 +45,7 @@ Pose settled(const CellAround& cell, const PointCloud& few, const Pose& T_map_sc
 SurroundingsScores score_surroundings(std::span<const CellAround> cells, const ScanView& scan,
                                       const PointCloud& few, const Pose& T_map_scan,
                                       const RegistrationOptions& registration) {
-  std::array<Votes, kSectors * kRings> parts{};
+  std::array<Votes, kPartSectors * kPartRings> parts{};
   double agreeing = 0, in_front = 0;
   for (const CellAround& cell : cells) {
     const Pose T_cell_scan = settled(cell, few, T_map_scan, registration);
@@ -62,7 +62,7 @@ SurroundingsScores score_surroundings(std::span<const CellAround> cells, const S
   SurroundingsScores scores;
   scores.cells = static_cast<std::uint32_t>(cells.size());
   for (const Votes& votes : parts) {
-    if (votes.visible < kFewestPlanes) continue;
+    if (votes.visible < kFewestVisible) continue;
     ++scores.parts;
     scores.agreement += static_cast<double>(votes.tight) / votes.visible;
   }

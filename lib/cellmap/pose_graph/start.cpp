@@ -30,7 +30,7 @@ struct IndexedGraph {
   std::map<CellId, Pose> by_id() const;
 };
 
-std::size_t position(const std::vector<CellId>& ids, CellId id) {
+std::size_t index_of(const std::vector<CellId>& ids, CellId id) {
   const auto found = std::lower_bound(ids.begin(), ids.end(), id);
   if (found == ids.end() || *found != id) {
     throw Error(ErrorCode::kInvalidArgument, "a constraint names CELL " + std::to_string(id.value) +
@@ -46,7 +46,7 @@ IndexedGraph::IndexedGraph(const PoseGraph& graph) {
   }
   Components components(ids.size());
   for (const Constraint& c : graph.constraints) {
-    const std::size_t from = position(ids, c.from), to = position(ids, c.to);
+    const std::size_t from = index_of(ids, c.from), to = index_of(ids, c.to);
     const double weight = is_trusted(c) ? 1.0 : c.weight;
     if (weight == 0) continue;
     // About the measured position, where rotation and translation are hardly coupled.

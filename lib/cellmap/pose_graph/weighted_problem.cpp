@@ -17,7 +17,7 @@ namespace cellmap {
 namespace {
 
 /// Relative changes of the cost and of the poses that may be nothing but rounding.
-constexpr double kRoundingTolerance = 1e-14;
+constexpr double kSolverTolerance = 1e-14;
 
 /// So large that steps are Gauss-Newton's; Ceres halves it and more where such a step fails.
 constexpr double kTrustRegionRadius = 1e16;
@@ -238,9 +238,9 @@ class WeightedProblem::Impl {
     solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
     solver.max_num_iterations = max_iterations;
     solver.initial_trust_region_radius = kTrustRegionRadius;
-    solver.function_tolerance = std::max(cost_tolerance, kRoundingTolerance);
+    solver.function_tolerance = std::max(cost_tolerance, kSolverTolerance);
     solver.gradient_tolerance = 0;
-    solver.parameter_tolerance = kRoundingTolerance;
+    solver.parameter_tolerance = kSolverTolerance;
     solver.num_threads = threads_;
     solver.logging_type = ceres::SILENT;
     solver.callbacks = {&last_step};

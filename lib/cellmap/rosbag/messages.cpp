@@ -14,7 +14,7 @@ namespace {
 constexpr std::uint8_t kFloat32 = 7, kFloat64 = 8;
 constexpr std::uint32_t kMaxFields = 256;
 
-Error corrupt(const std::string& message) { return {ErrorCode::kCorruptData, message}; }
+Error corrupt_message(const std::string& message) { return {ErrorCode::kCorruptData, message}; }
 
 /// std_msgs/Header.
 CloudMessage header_of(ByteReader& reader) {
@@ -22,7 +22,7 @@ CloudMessage header_of(ByteReader& reader) {
   reader.number<std::uint32_t>();  // seq
   const auto seconds = reader.number<std::uint32_t>();
   const auto nanoseconds = reader.number<std::uint32_t>();
-  if (nanoseconds >= 1'000'000'000) throw corrupt("a message's time is none");
+  if (nanoseconds >= 1'000'000'000) throw corrupt_message("a message's time is none");
   header.stamp = Stamp{seconds} * 1'000'000'000 + nanoseconds;
   header.frame = reader.text();
   return header;
@@ -37,7 +37,7 @@ struct Coordinate {
 std::array<Coordinate, 3> coordinates_of(ByteReader& reader) {
   std::array<std::optional<Coordinate>, 3> found;
   const auto count = reader.number<std::uint32_t>();
-  if (count > kMaxFields) throw corrupt("a point has more than 256 fields");
+  if (count > kMaxFields) throw corrupt_message("a point has more than 256 fields");
   for (std::uint32_t i = 0; i < count; ++i) {
     const std::string name = reader.text();
     const auto offset = reader.number<std::uint32_t>();
@@ -49,7 +49,7 @@ std::array<Coordinate, 3> coordinates_of(ByteReader& reader) {
     }
     found[name[0] - 'x'] = Coordinate{offset, type == kFloat64};
   }
-  if (!found[0] || !found[1] || !found[2]) throw corrupt("a scan's points lack x, y or z");
+  if (!found[0] || !found[1] || !found[2]) throw corrupt_message("a scan's points lack x, y or z");
   return {*found[0], *found[1], *found[2]};
 }
 
@@ -83,11 +83,11 @@ CloudMessage read_point_cloud2(std::span<const std::byte> message) {
   }
   for (const Coordinate& coordinate : coordinates) {
     if (coordinate.offset + (coordinate.is_double ? 8u : 4u) > point_step) {
-      throw corrupt("a coordinate lies outside of its point");
+      throw corrupt_message("a coordinate lies outside of its point");
     }
   }
   if (width * point_step > row_step || height * row_step > data.size()) {
-    throw corrupt("a scan's points are more than its bytes");
+    throw corrupt_message("a scan's points are more than its bytes");
   }
   cloud.points.reserve(width * height);
   for (std::uint64_t row = 0; row < height; ++row) {
@@ -110,10 +110,10 @@ PoseMessage read_pose(std::span<const std::byte> message, bool is_odometry) {
   std::array<double, 7> values;
   for (double& value : values) {
     value = reader.number<double>();
-    if (!std::isfinite(value)) throw corrupt("a pose is not of finite numbers");
+    if (!std::isfinite(value)) throw corrupt_message("a pose is not of finite numbers");
   }
   const Eigen::Quaterniond q(values[6], values[3], values[4], values[5]);
-  if (std::abs(q.norm() - 1) > 1e-3) throw corrupt("a pose's quaternion is none");
+  if (std::abs(q.norm() - 1) > 1e-3) throw corrupt_message("a pose's quaternion is none");
   found.pose.pose.linear() = q.normalized().toRotationMatrix();
   found.pose.pose.translation() << values[0], values[1], values[2];
   return found;

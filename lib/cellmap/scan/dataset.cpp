@@ -13,7 +13,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr Stamp kDefaultPeriod = 100'000'000;  // 10 Hz
+constexpr Stamp kAssumedPeriod = 100'000'000;  // 10 Hz
 
 /// Everything about a drive but its points.
 struct Recording {
@@ -222,7 +222,7 @@ bool is_one_of_the_folders(const fs::path& file, const fs::path& folder) {
 
 std::vector<Stamp> nominal_times(std::size_t count) {
   std::vector<Stamp> stamps(count);
-  for (std::size_t i = 0; i < count; ++i) stamps[i] = static_cast<Stamp>(i) * kDefaultPeriod;
+  for (std::size_t i = 0; i < count; ++i) stamps[i] = static_cast<Stamp>(i) * kAssumedPeriod;
   return stamps;
 }
 

@@ -6,7 +6,7 @@
 namespace cellmap::simulation {
 namespace {
 
-constexpr double kGridCell_m = 16.0;
+constexpr double kFootprintCell_m = 16.0;
 
 std::uint64_t grid_key(std::int32_t x, std::int32_t y) {
   return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(x)) << 32) |
@@ -35,8 +35,8 @@ bool overlap(const Footprint& a, const Footprint& b) {
 std::vector<std::uint64_t> FootprintIndex::cells_of(const Footprint& footprint) const {
   const Eigen::Vector2d reach(reach_along(footprint, Eigen::Vector2d::UnitX()),
                               reach_along(footprint, Eigen::Vector2d::UnitY()));
-  const Eigen::Vector2d low = (footprint.center - reach) / kGridCell_m;
-  const Eigen::Vector2d high = (footprint.center + reach) / kGridCell_m;
+  const Eigen::Vector2d low = (footprint.center - reach) / kFootprintCell_m;
+  const Eigen::Vector2d high = (footprint.center + reach) / kFootprintCell_m;
   std::vector<std::uint64_t> cells;
   for (auto x = std::floor(low.x()); x <= high.x(); ++x) {
     for (auto y = std::floor(low.y()); y <= high.y(); ++y) {

@@ -10,13 +10,13 @@ namespace cellmap::simulation {
 namespace {
 
 constexpr double kReach_m = 160.0;
-constexpr double kGridCell_m = 32.0;
+constexpr double kGroundCell_m = 32.0;
 constexpr double kBlend_m = 4.0;
 constexpr double kSlopeReach2_m2 = 400.0;
 
 std::uint64_t grid_key(double x, double y) {
-  const auto gx = static_cast<std::int32_t>(std::floor(x / kGridCell_m));
-  const auto gy = static_cast<std::int32_t>(std::floor(y / kGridCell_m));
+  const auto gx = static_cast<std::int32_t>(std::floor(x / kGroundCell_m));
+  const auto gy = static_cast<std::int32_t>(std::floor(y / kGroundCell_m));
   return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(gx)) << 32) |
          static_cast<std::uint32_t>(gy);
 }
@@ -42,7 +42,7 @@ std::vector<std::pair<int, int>> revisits(const Centreline& line,
     const Eigen::Vector2d p = line.vertices()[samples[i]].head<2>();
     for (int dx = -1; dx <= 1; ++dx) {
       for (int dy = -1; dy <= 1; ++dy) {
-        for (const int j : grid[grid_key(p.x() + dx * kGridCell_m, p.y() + dy * kGridCell_m)]) {
+        for (const int j : grid[grid_key(p.x() + dx * kGroundCell_m, p.y() + dy * kGroundCell_m)]) {
           const double gap_m = line.arc_of_vertex_m(samples[i]) - line.arc_of_vertex_m(samples[j]);
           if (gap_m < pass_gap_m) continue;
           if ((line.vertices()[samples[j]].head<2>() - p).norm() < near_m) pairs.emplace_back(j, i);
@@ -120,8 +120,8 @@ Ground::Ground(const Centreline& line, double sensor_height_m, std::uint64_t see
 
 std::optional<double> Ground::height_m(double x, double y) const {
   double weights = 0, heights = 0, nearest2 = kReach_m * kReach_m;
-  for (double gx = x - kReach_m; gx < x + kReach_m + kGridCell_m; gx += kGridCell_m) {
-    for (double gy = y - kReach_m; gy < y + kReach_m + kGridCell_m; gy += kGridCell_m) {
+  for (double gx = x - kReach_m; gx < x + kReach_m + kGroundCell_m; gx += kGroundCell_m) {
+    for (double gy = y - kReach_m; gy < y + kReach_m + kGroundCell_m; gy += kGroundCell_m) {
       const auto found = grid_.find(grid_key(gx, gy));
       if (found == grid_.end()) continue;
       for (const Sample& sample : found->second) {

@@ -17,10 +17,10 @@ bool has_others(const Store& store, const std::string& map, const std::set<std::
 }
 
 /// One copy: what it knows of both maps.
-class Copy {
+class SessionCopy {
  public:
-  Copy(Store& store, const std::string& from, const std::set<std::string>& sessions,
-       const std::string& to)
+  SessionCopy(Store& store, const std::string& from, const std::set<std::string>& sessions,
+              const std::string& to)
       : store_(store),
         from_(from),
         to_(to),
@@ -108,7 +108,7 @@ std::map<CellId, CellId> copy_sessions(Store& store, const std::string& from,
                                        const std::set<std::string>& sessions, const std::string& to,
                                        const std::stop_token& stop,
                                        const ProgressCallback& progress) {
-  Copy copy(store, from, sessions, to);
+  SessionCopy copy(store, from, sessions, to);
   std::vector<std::pair<SessionInfo, std::vector<CellRecord>>> work;  // refused before it begins
   std::set<std::string> absent = sessions;
   for (const SessionInfo& session : store.sessions(from)) {

@@ -15,7 +15,7 @@ namespace cellmap {
 namespace {
 
 // Numbers of built-in types, which never change (PostgreSQL's catalogue pg_type).
-constexpr Oid kBytea = 17, kInt8 = 20, kText = 25, kFloat8 = 701;
+constexpr Oid kByteaOid = 17, kInt8Oid = 20, kTextOid = 25, kFloat8Oid = 701;
 
 std::string without_line_end(const char* message) {
   std::string text = message == nullptr ? "" : message;
@@ -102,17 +102,17 @@ class PostgresStatement final : public SqlStatement {
         sql_(with_numbered_parameters(sql)),
         name_("cellmap_" + std::to_string(++connection.prepared_)) {}
 
-  void bind(std::int64_t value) override { add(kInt8, big_endian(value)); }
-  void bind(double value) override { add(kFloat8, big_endian(value)); }
+  void bind(std::int64_t value) override { add(kInt8Oid, big_endian(value)); }
+  void bind(double value) override { add(kFloat8Oid, big_endian(value)); }
   void bind(const std::string& value) override {
     if (value.find('\0') != std::string::npos) fail("22021", "a null in a text");
-    add(kText, value);
+    add(kTextOid, value);
   }
   void bind(const Bytes& value) override {
-    add(kBytea, std::string(reinterpret_cast<const char*>(value.data()), value.size()));
+    add(kByteaOid, std::string(reinterpret_cast<const char*>(value.data()), value.size()));
   }
   void bind_null(SqlType type) override {
-    constexpr std::array kTypes = {kInt8, kFloat8, kText, kBytea};
+    constexpr std::array kTypes = {kInt8Oid, kFloat8Oid, kTextOid, kByteaOid};
     add(kTypes[static_cast<std::size_t>(type)], std::nullopt);
   }
 
