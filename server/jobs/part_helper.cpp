@@ -16,7 +16,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr std::chrono::milliseconds kLookForParts(250);
 /// Where there were parts, there will soon be more.
-constexpr std::chrono::milliseconds kLookForMoreParts(10);
+constexpr std::chrono::milliseconds kLookForMoreParts(20);
 constexpr std::chrono::seconds kStayClose(3), kAvoid(60);
 
 void sleep_unless_stopped(const std::stop_token& stop, std::chrono::milliseconds time) {
@@ -94,7 +94,11 @@ void PartHelper::make(const JobPart& part, const std::stop_token& stop) {
           return true;
         },
         stop);
-    if (parts_.deliver_part(part, options_.worker, pack_part(cells))) metrics_.part_made();
+    const Bytes made = pack_part(cells);
+    if (!parts_.deliver_part(part, options_.worker, made)) return;
+    metrics_.part_made();
+    log_->debug("job {}: made CELLs from {} on, {} bytes", part.claim.job.value,
+                part.first_sequence, made.size());
   } catch (const Error& error) {
     parts_.give_back_part(part, options_.worker);
     if (stop.stop_requested()) return;

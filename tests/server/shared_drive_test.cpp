@@ -1,6 +1,6 @@
 #include "server/jobs/shared_drive.hpp"
 
-#include <spdlog/sinks/ostream_sink.h>
+#include <spdlog/sinks/ringbuffer_sink.h>
 
 #include <future>
 #include <sstream>
@@ -17,8 +17,8 @@ namespace {
 using cellmap::test::expect_error;
 using namespace std::chrono_literals;
 
-constexpr std::size_t kDriveScans = 100;  // CELLs of 3 scans: 34 of them, in 9 parts
-constexpr const char* kRequest =
+constexpr std::size_t kSharedScans = 100;  // CELLs of 3 scans: 34 of them, in 9 parts
+constexpr const char* kSharedRequest =
     R"({"kind":"ingest","path":"drive","session":"drive","options":{"cell_distance_m":2}})";
 
 /// A drive that is ingested by the holder of a job; the API is only there for its folder and store.
@@ -28,7 +28,7 @@ class SharedDrives : public ApiTest {
     stop();
     store_ = open_sqlite_store(folder_.path() / "store.db");
     maps_ = std::make_unique<Maps>(*store_);
-    write_drive(folder_.path() / "data" / "drive", kDriveScans);
+    write_drive(folder_.path() / "data" / "drive", kSharedScans);
   }
   ~SharedDrives() override { maps_.reset(); }
 
@@ -41,7 +41,7 @@ class SharedDrives : public ApiTest {
       JobRecord record;
       record.map = map;
       record.kind = "ingest";
-      record.request_json = kRequest;
+      record.request_json = kSharedRequest;
       claims_of(*store_).queue_job(record, true, [](const auto&) { return std::nullopt; });
       made_.insert(map);
     }
@@ -56,7 +56,7 @@ class SharedDrives : public ApiTest {
     const HeldJob job = claim(map);
     const JobClaim claim{job.record.id, job.holder.claim};
     const auto fenced = claims_of(*store_).fenced(claim);
-    IngestRequest request = parse_ingest_request(parse_json(kRequest));
+    IngestRequest request = parse_ingest_request(parse_json(kSharedRequest));
     set_threads(request.options, threads);
     const auto source = open_request(request, roots());
     std::uint64_t scans = 0;
@@ -73,7 +73,7 @@ class SharedDrives : public ApiTest {
       EXPECT_TRUE(parts().offered_parts(claim).empty());
       throw;
     }
-    EXPECT_EQ(scans, kDriveScans);
+    EXPECT_EQ(scans, kSharedScans);
     EXPECT_TRUE(parts().offered_parts(claim).empty()) << "all were collected or retracted";
     JobRecord record = job.record;
     record.state = JobState::kSucceeded;
@@ -112,7 +112,7 @@ class SharedDrives : public ApiTest {
 
   /// What another worker would hand in for a part whose CELLs are numbered from here on.
   Bytes made(const JobPart& part, std::uint32_t first_sequence, const std::string& session) {
-    const IngestRequest request = parse_ingest_request(parse_json(kRequest));
+    const IngestRequest request = parse_ingest_request(parse_json(kSharedRequest));
     const auto source = open_request(request, roots());
     std::vector<FinishedCell> cells;
     make_part(*source,
@@ -141,12 +141,18 @@ class SharedDrives : public ApiTest {
     return !offered.empty() && std::ranges::all_of(offered, &JobPartState::is_made);
   }
 
+  std::string said() {
+    std::string all;
+    for (const std::string& line : sink_->last_formatted()) all += line;
+    return all;
+  }
+
   std::unique_ptr<Maps> maps_;
   std::set<std::string> made_;
   Metrics metrics_;
-  std::ostringstream said_;
-  std::shared_ptr<spdlog::logger> log_ = std::make_shared<spdlog::logger>(
-      "test", std::make_shared<spdlog::sinks::ostream_sink_mt>(said_));
+  std::shared_ptr<spdlog::sinks::ringbuffer_sink_mt> sink_ =
+      std::make_shared<spdlog::sinks::ringbuffer_sink_mt>(100);
+  std::shared_ptr<spdlog::logger> log_ = std::make_shared<spdlog::logger>("test", sink_);
   std::stop_source stop_;
 };
 
@@ -155,7 +161,7 @@ TEST_F(SharedDrives, WithoutHelpTheMapIsTheSame) {
   ingest("ahead", true, {}, 2);
   expect_the_same_as_alone("town");
   EXPECT_EQ(content("ahead"), content("alone"));
-  EXPECT_EQ(said_.str(), "");
+  EXPECT_EQ(said(), "");
 }
 
 TEST_F(SharedDrives, WhatAnotherWorkerMakesIsTheSameBitByBit) {
@@ -169,10 +175,10 @@ TEST_F(SharedDrives, WhatAnotherWorkerMakesIsTheSameBitByBit) {
   expect_the_same_as_alone("town");
   EXPECT_NE(metrics_.text({}).find("cellmap_parts_made_total 8"), std::string::npos)
       << "all but the first one\n"
-      << said_.str();
+      << said();
   EXPECT_GT(most, 2u) << "more are offered when somebody helps";
   EXPECT_LE(most, 6u);
-  EXPECT_EQ(said_.str(), "");
+  EXPECT_EQ(said(), "");
 }
 
 TEST_F(SharedDrives, AWorkerThatDiesWithAPartCostsOnlyTime) {
@@ -181,7 +187,7 @@ TEST_F(SharedDrives, AWorkerThatDiesWithAPartCostsOnlyTime) {
     while (parts().take_part(claim.job, "dies")) {
     }
   });
-  EXPECT_NE(said_.str().find("dies is slow or gone"), std::string::npos);
+  EXPECT_NE(said().find("dies is slow or gone"), std::string::npos);
   expect_the_same_as_alone("town");
 }
 
@@ -222,10 +228,9 @@ TEST_F(SharedDrives, PartsThatAreDamagedOrOfAnotherDriveAreMadeAgainByTheHolder)
     }
   });
   EXPECT_EQ(delivered, 8);
-  const std::string said = said_.str();
   for (const char* why :
        {"made again here", "identifier", "the stretch of a CELL", "the session"}) {
-    EXPECT_NE(said.find(why), std::string::npos) << why << "\n" << said;
+    EXPECT_NE(said().find(why), std::string::npos) << why << "\n" << said();
   }
   expect_the_same_as_alone("town");
 }
@@ -235,7 +240,7 @@ TEST_F(SharedDrives, AWorkerThatDoesNotSeeTheDriveGivesPartsBackAndLeavesTheJobA
   const auto helps = helper({std::filesystem::canonical(folder_.path() / "elsewhere")});
   ingest("town", true, [&](const JobClaim&, const Progress& now) {
     if (now.cells_done != 1) return;
-    wait_until([&] { return said_.str().find("no help from here") != std::string::npos; });
+    wait_until([&] { return said().find("no help from here") != std::string::npos; });
   });
   expect_the_same_as_alone("town");
   EXPECT_NE(metrics_.text({}).find("cellmap_parts_made_total 0"), std::string::npos);
@@ -265,7 +270,7 @@ TEST_F(SharedDrives, TwoServersOverOneStoreEndEachOthersDrivesWithTheSameBytes) 
   std::vector<Json> jobs;
   for (const char* map : {"town", "village"}) {
     store_->create_map(map, kLattice, {});
-    Request request{"POST", std::string("/v1/maps/") + map + "/jobs", {}, kRequest, "test"};
+    Request request{"POST", std::string("/v1/maps/") + map + "/jobs", {}, kSharedRequest, "test"};
     request.headers.set("Content-Type", "application/json");
     const Response response = one.handle(request);
     ASSERT_EQ(response.status, 202) << body_view(response);
@@ -275,7 +280,7 @@ TEST_F(SharedDrives, TwoServersOverOneStoreEndEachOthersDrivesWithTheSameBytes) 
     const JobId id{job.at("id").get<std::uint32_t>()};
     wait_until([&] { return is_final(store_->job(id).state); });
     EXPECT_EQ(store_->job(id).state, JobState::kSucceeded);
-    EXPECT_EQ(store_->job(id).scans_done, kDriveScans);
+    EXPECT_EQ(store_->job(id).scans_done, kSharedScans);
   }
   EXPECT_TRUE(parts().jobs_with_parts().empty());
   one.stop();
@@ -288,7 +293,7 @@ TEST_F(SharedDrives, ACancelledJobLeavesNoParts) {
   ApiOptions slow = options();
   Api one(*store_, slow);
   store_->create_map("town", kLattice, {});
-  Request request{"POST", "/v1/maps/town/jobs", {}, kRequest, "test"};
+  Request request{"POST", "/v1/maps/town/jobs", {}, kSharedRequest, "test"};
   request.headers.set("Content-Type", "application/json");
   const Json job = json_of(one.handle(request));
   const JobId id{job.at("id").get<std::uint32_t>()};
