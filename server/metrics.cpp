@@ -114,6 +114,8 @@ struct Metrics::Impl {
       counters("cellmap_relocalisations_total", "Relocalisations by outcome");
   Counter& cells =
       counters("cellmap_cells_committed_total", "CELLs that jobs and clients added").Add({});
+  Counter& parts =
+      counters("cellmap_parts_made_total", "Parts of drives made for other workers").Add({});
   Family<Counter>& jobs = counters("cellmap_jobs_ended_total", "Jobs by final state");
   Counter& audit_failures =
       counters("cellmap_audit_failures_total", "Writes that the audit log could not be told")
@@ -145,6 +147,8 @@ void Metrics::relocalisation(bool found) {
 void Metrics::cells_committed(std::size_t count) {
   impl_->cells.Increment(static_cast<double>(count));
 }
+
+void Metrics::part_made() { impl_->parts.Increment(); }
 
 void Metrics::job_ended(const std::string& state) {
   impl_->jobs.Add({{"state", state}}).Increment();

@@ -34,6 +34,7 @@ class Metrics {
                std::size_t bytes_out);
   void relocalisation(bool found);
   void cells_committed(std::size_t count);
+  void part_made();  ///< of another worker's drive
   void job_ended(const std::string& state);
   void set_followers(int count);
   void audit_failed();  ///< a write is missing in the audit log
