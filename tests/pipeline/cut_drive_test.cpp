@@ -30,8 +30,6 @@ std::vector<Pose> poses(const std::vector<PosedScan>& scans) {
   return all;
 }
 
-FrontEnd front_end() { return {test::quick_mapper_options(), "drive", test::BuiltMap().lattice}; }
-
 std::vector<FinishedCell> cells_of(FrontEnd& front, std::span<const PosedScan> scans) {
   std::vector<FinishedCell> cells;
   for (const PosedScan& scan : scans) {
@@ -54,7 +52,7 @@ class CutDrive : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     scans_ = std::make_unique<std::vector<PosedScan>>(scans());
-    FrontEnd front = front_end();
+    FrontEnd front = test::quick_front_end();
     cells_ = std::make_unique<std::vector<FinishedCell>>(cells_of(front, *scans_));
   }
   static void TearDownTestSuite() {
@@ -80,7 +78,7 @@ TEST_F(CutDrive, CutsWhereTheFrontEndCutsAndNumbersAsItDoes) {
 
 TEST_F(CutDrive, GoesOnAfterACellAsTheFrontEndDoes) {
   const Cell& last = cells_->at(7).cell();
-  FrontEnd front = front_end();
+  FrontEnd front = test::quick_front_end();
   front.resume_after(last);
   const std::uint64_t next = last.first_scan + last.scan_count;
   const auto rest = cells_of(front, std::span(*scans_).subspan(next));
@@ -93,7 +91,7 @@ TEST_F(CutDrive, RunsOfCellsMadeAloneAreThoseOfTheWholeDrive) {
   SessionVoxels voxels;
   std::size_t made = 0;
   for (std::size_t first = 0; first < cut.size(); first += 3) {
-    FrontEnd front = front_end();
+    FrontEnd front = test::quick_front_end();
     front.begin_at(cut[first].sequence);
     const std::size_t last = std::min(first + 3, cut.size()) - 1;
     for (const FinishedCell& cell : cells_of(front, scans_of(cut[first], cut[last]))) {
