@@ -79,6 +79,7 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
   options.threads = settings.threads;
   options.jobs.carries_out = settings.role != "api";
   options.jobs.takes_scans = settings.role != "worker";
+  options.jobs.shares_drives = !cellmap::store_file(settings.store);  // a file has one process
   options.jobs.lease = std::chrono::milliseconds(std::lround(settings.job_lease_s * 1000));
   options.jobs.data_roots = canonical_roots(settings);
   if (const auto file = cellmap::store_file(settings.store)) {

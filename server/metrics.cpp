@@ -53,19 +53,25 @@ void add_process(Reading& reading) {
                 process.start_unix_s);
 }
 
+double number(auto value) { return static_cast<double>(value); }
+
+void add_store(Reading& reading, const StoreCounts& store) {
+  reading.gauge("cellmap_maps", "Maps in the store", number(store.maps));
+  reading.gauge("cellmap_cells", "CELLs in all maps", number(store.cells));
+  reading.gauge("cellmap_scans", "Scans of all CELLs", number(store.scans));
+  reading.gauge("cellmap_cell_bytes", "Bytes of CELLs as stored", number(store.cell_bytes));
+  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(store.queued_jobs),
+                {{"state", "queued"}});
+  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(store.running_jobs),
+                {{"state", "running"}});
+}
+
 void add_snapshot(Reading& reading, const MetricsSnapshot& snapshot) {
-  const auto number = [](auto value) { return static_cast<double>(value); };
   reading.gauge("cellmap_build_info", "1, with the version of this server", 1,
                 {{"version", CELLMAP_VERSION}});
-  reading.gauge("cellmap_maps", "Maps in the store", number(snapshot.maps));
-  reading.gauge("cellmap_cells", "CELLs in all maps", number(snapshot.cells));
-  reading.gauge("cellmap_scans", "Scans of all CELLs", number(snapshot.scans));
-  reading.gauge("cellmap_cell_bytes", "Bytes of CELLs as stored", number(snapshot.cell_bytes));
+  reading.gauge("cellmap_store_up", "1 where the store answers, else 0", snapshot.store ? 1 : 0);
+  if (snapshot.store) add_store(reading, *snapshot.store);
   reading.gauge("cellmap_store_bytes", "Bytes of the store's files", number(snapshot.store_bytes));
-  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(snapshot.queued_jobs),
-                {{"state", "queued"}});
-  reading.gauge("cellmap_jobs", "Unfinished jobs by state", number(snapshot.running_jobs),
-                {{"state", "running"}});
   reading.gauge("cellmap_tokens", "Tokens that the server knows", number(snapshot.tokens));
 }
 
@@ -108,6 +114,8 @@ struct Metrics::Impl {
       counters("cellmap_relocalisations_total", "Relocalisations by outcome");
   Counter& cells =
       counters("cellmap_cells_committed_total", "CELLs that jobs and clients added").Add({});
+  Counter& parts =
+      counters("cellmap_parts_made_total", "Parts of drives made for other workers").Add({});
   Family<Counter>& jobs = counters("cellmap_jobs_ended_total", "Jobs by final state");
   Counter& audit_failures =
       counters("cellmap_audit_failures_total", "Writes that the audit log could not be told")
@@ -139,6 +147,8 @@ void Metrics::relocalisation(bool found) {
 void Metrics::cells_committed(std::size_t count) {
   impl_->cells.Increment(static_cast<double>(count));
 }
+
+void Metrics::part_made() { impl_->parts.Increment(); }
 
 void Metrics::job_ended(const std::string& state) {
   impl_->jobs.Add({{"state", state}}).Increment();

@@ -3,17 +3,23 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 
 namespace cellmap::server {
 
-/// What is counted when somebody looks, rather than when it happens.
-struct MetricsSnapshot {
+/// What is counted when somebody looks, rather than when it happens: in the store,
+struct StoreCounts {
   std::size_t maps = 0;
   std::uint64_t cells = 0, scans = 0;
-  std::uint64_t cell_bytes = 0;   ///< of CELLs as the store keeps them
-  std::uint64_t store_bytes = 0;  ///< of the store's files
+  std::uint64_t cell_bytes = 0;  ///< of CELLs as the store keeps them
   std::size_t queued_jobs = 0, running_jobs = 0;
+};
+
+/// and beside it.
+struct MetricsSnapshot {
+  std::optional<StoreCounts> store;  ///< nothing where the store does not answer
+  std::uint64_t store_bytes = 0;     ///< of the store's files
   std::size_t tokens = 0;
 };
 
@@ -28,6 +34,7 @@ class Metrics {
                std::size_t bytes_out);
   void relocalisation(bool found);
   void cells_committed(std::size_t count);
+  void part_made();  ///< of another worker's drive
   void job_ended(const std::string& state);
   void set_followers(int count);
   void audit_failed();  ///< a write is missing in the audit log

@@ -39,7 +39,7 @@ std::array<double, N> parse_numbers(const std::string& option, const std::string
                     "\" in one argument (use quotes), not \"" + text + "\"");
   }
   std::array<double, N> numbers;
-  std::copy(found.begin(), found.end(), numbers.begin());
+  std::copy_n(found.begin(), N, numbers.begin());
   return numbers;
 }
 

@@ -38,18 +38,28 @@ std::uint64_t store_bytes(const std::filesystem::path& file) {
   return bytes;
 }
 
+/// Nothing while the store is away: that is when somebody looks at the other figures.
+std::optional<StoreCounts> store_counts(const Services& services) try {
+  StoreCounts counts;
+  for (const MapInfo& map : services.store.maps()) {
+    ++counts.maps;
+    counts.cells += map.cells;
+    counts.scans += map.scans;
+    counts.cell_bytes += map.stored_bytes;
+  }
+  const auto jobs = services.jobs.unfinished();
+  counts.queued_jobs = jobs.queued;
+  counts.running_jobs = jobs.running;
+  return counts;
+} catch (const Error& error) {
+  services.log->warn("metrics without those of the store: {}", error.what());
+  return std::nullopt;
+}
+
 MetricsSnapshot snapshot(const Services& services) {
   MetricsSnapshot snapshot;
-  for (const MapInfo& map : services.store.maps()) {
-    ++snapshot.maps;
-    snapshot.cells += map.cells;
-    snapshot.scans += map.scans;
-    snapshot.cell_bytes += map.stored_bytes;
-  }
+  snapshot.store = store_counts(services);
   snapshot.store_bytes = store_bytes(services.options.store_file);
-  const auto jobs = services.jobs.unfinished();
-  snapshot.queued_jobs = jobs.queued;
-  snapshot.running_jobs = jobs.running;
   if (services.options.guard) snapshot.tokens = services.options.guard->token_count();
   return snapshot;
 }

@@ -29,6 +29,7 @@ std::string client_address(const std::string& peer, const std::optional<std::str
   };
   std::string nearest = peer;
   const auto hops = split(forwarded_for ? std::string_view(*forwarded_for) : "", ',');
+  // Not std::views::reverse, which clang 14 cannot compile.
   for (auto hop = hops.rbegin(); hop != hops.rend(); ++hop) {
     if (!is_trusted(nearest)) break;
     const auto address = address_name(*hop);

@@ -15,13 +15,15 @@ namespace {
 class Ingest {
  public:
   Ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
-         ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks)
+         ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks,
+         const std::optional<SharedJob>& shared)
       : store_(store),
         state_(maps.open(map)),
         request_(request),
         source_(source),
         stop_(stop),
         hooks_(hooks),
+        shared_(shared),
         front_end_(request.options, request.session, state_->lattice()),
         back_end_(request.options, MapState::access(state_)) {
     progress_.scans_total = source.size();
@@ -36,14 +38,32 @@ class Ingest {
       if (source_.size() > 0 && resume->next_scan() >= source_.size()) return;
     }
     if (!go_on_after(resume)) return;
+    if (shared_ && !source_.odometry().empty()) return make_cells_with_others(resume);
     const CellSink sink{[this](FinishedCell&& cell) { extend_map(std::move(cell)); },
-                        [this](const PosedScan&) { count_scan(); }};
-    make_cells(source_, front_end_, request_.options.build.threads != 1, sink, stop_);
+                        [this](const PosedScan&) { count_scans(1); }};
+    make_cells(source_, front_end_, works_ahead(), sink, stop_);
     throw_if_stopped(stop_);
     if (auto cell = front_end_.finish()) extend_map(std::move(*cell));
   }
 
  private:
+  bool works_ahead() const { return request_.options.build.threads != 1; }
+
+  void make_cells_with_others(const std::optional<ResumePoint>& resume) {
+    SharedDrive drive(*shared_, request_, state_->lattice(), source_,
+                      resume ? resume->next_scan() : 0, resume ? resume->cell->sequence + 1 : 0,
+                      stop_);
+    const CellFeed feed = [&](const HandOn& hand_on) {
+      drive.make_all([&](FinishedCell&& cell) {
+        count_scans(cell.cell().scan_count);
+        return hand_on(std::move(cell));
+      });
+    };
+    feed_cells(
+        feed, works_ahead(), [this](FinishedCell&& cell) { extend_map(std::move(cell)); },
+        [this] { source_.interrupt(); });
+  }
+
   /// False where the drive ended before the stored part was read again.
   bool go_on_after(const std::optional<ResumePoint>& resume) {
     if (!resume) return true;
@@ -74,9 +94,9 @@ class Ingest {
     if (hooks_.committed) hooks_.committed(progress_);
   }
 
-  void count_scan() {
+  void count_scans(std::uint64_t count) {
     const std::lock_guard lock(progress_mutex_);
-    ++progress_.scans_done;
+    progress_.scans_done += count;
     if (hooks_.progress) hooks_.progress(progress_);
   }
 
@@ -86,6 +106,7 @@ class Ingest {
   ScanSource& source_;
   const std::stop_token& stop_;
   const IngestHooks& hooks_;
+  const std::optional<SharedJob>& shared_;
   FrontEnd front_end_;
   BackEnd back_end_;
   std::mutex progress_mutex_;  ///< scans are counted while CELLs are committed
@@ -119,8 +140,9 @@ std::optional<ResumePoint> find_resume_point(const Store& store, const std::stri
 }
 
 void run_ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
-                ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks) {
-  Ingest(maps, store, map, request, source, stop, hooks).run();
+                ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks,
+                const std::optional<SharedJob>& shared) {
+  Ingest(maps, store, map, request, source, stop, hooks, shared).run();
 }
 
 }  // namespace cellmap::server

@@ -11,6 +11,7 @@
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/map_state.hpp"
 #include "server/jobs/ingest_request.hpp"
+#include "server/jobs/shared_drive.hpp"
 
 namespace cellmap::server {
 
@@ -31,7 +32,8 @@ CommitResult extend(Store& store, const MapState& state, BackEnd& back_end,
                     const FinishedCell& cell, const KeptCell& kept);
 
 struct IngestHooks {
-  ProgressCallback progress;   ///< after every scan, by the thread that reads
+  /// After every scan, or every CELL of a shared drive, by the thread that reads.
+  ProgressCallback progress;
   ProgressCallback committed;  ///< after every CELL, which is then durable
 };
 
@@ -40,9 +42,11 @@ struct IngestHooks {
 /// committed with its constraints and the poses it moved as one transaction, so that stopping
 /// anywhere leaves whole CELLs, and running again goes on after the last of them (its base scan is
 /// read again): the map is the same as that of an undisturbed run. A session that is stored whole
-/// changes nothing. Throws Error{kCancelled} when stopped, and whatever the source, the store and
-/// the mapper throw.
+/// changes nothing. With `shared`, other workers help (jobs/shared_drive.hpp) where the source
+/// tells its odometry before it is read; the map is the same. Throws Error{kCancelled} when
+/// stopped, and whatever the source, the store and the mapper throw.
 void run_ingest(Maps& maps, Store& store, const std::string& map, const IngestRequest& request,
-                ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks);
+                ScanSource& source, const std::stop_token& stop, const IngestHooks& hooks,
+                const std::optional<SharedJob>& shared = {});
 
 }  // namespace cellmap::server

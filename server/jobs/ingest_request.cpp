@@ -159,4 +159,10 @@ std::unique_ptr<ScanSource> open_request(const IngestRequest& request,
   return open_dataset(folder, options);
 }
 
+void set_threads(MapperOptions& options, int threads) {
+  options.build.threads = options.registration.threads = threads;
+  options.loops.registration.threads = options.pose_graph.threads = threads;
+  options.junction.relocalise.threads = threads;
+}
+
 }  // namespace cellmap::server

@@ -42,4 +42,7 @@ std::filesystem::path resolve_below(const std::vector<std::filesystem::path>& ro
 std::unique_ptr<ScanSource> open_request(const IngestRequest& request,
                                          const std::vector<std::filesystem::path>& roots);
 
+/// Of all computations; results do not depend on them. 0: all processors.
+void set_threads(MapperOptions& options, int threads);
+
 }  // namespace cellmap::server

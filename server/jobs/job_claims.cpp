@@ -101,19 +101,14 @@ JobQueue::Job JobQueue::revive(const HeldJob& held) const {
   if (job->cancel_asked) job->stop.request_stop();
   job->store = claims_.fenced(job->claim);
   const Json request = parse_json(held.record.request_json);
-  const auto set_threads = [&](MapperOptions& mapper) {  // results do not depend on them
-    mapper.build.threads = mapper.registration.threads = options_.threads;
-    mapper.loops.registration.threads = mapper.pose_graph.threads = options_.threads;
-    mapper.junction.relocalise.threads = options_.threads;
-  };
   if (held.record.kind == kMergeKind) {
     job->merge = parse_merge_request(request);
-    set_threads(job->merge->options);
+    set_threads(job->merge->options, options_.threads);
   } else if (held.record.kind == kConvertKind) {
     job->convert = parse_convert_request(request);
   } else {
     job->request = parse_ingest_request(request);
-    set_threads(job->request.options);
+    set_threads(job->request.options, options_.threads);
     if (job->request.path) return job;
     const auto resume = find_resume_point(store_, job->record.map, job->request.session);
     job->upload = std::make_unique<UploadSource>(job->request.scans_total,

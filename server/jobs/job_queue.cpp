@@ -81,6 +81,14 @@ JobQueue::JobQueue(Maps& maps, Metrics& metrics, std::shared_ptr<spdlog::logger>
   claim_what_may_run();
   claimer_ = std::thread([this] { keep_claiming(); });
   for (int i = 0; i < options_.workers; ++i) workers_.emplace_back([this] { work(); });
+  if (!options_.shares_drives) return;
+  const auto is_idle = [this] {
+    const std::lock_guard lock(mutex_);
+    return live_.empty();
+  };
+  helper_ = std::make_unique<PartHelper>(
+      maps_, metrics_, log_,
+      PartHelperOptions{worker_, options_.data_roots, options_.threads, is_idle});
 }
 
 JobQueue::~JobQueue() { stop(); }
@@ -93,6 +101,7 @@ void JobQueue::stop() {
     changed_.notify_all();
     news_.notify_all();
   }
+  helper_.reset();
   if (claimer_.joinable()) claimer_.join();
   for (auto& worker : workers_) {
     if (worker.joinable()) worker.join();

@@ -20,6 +20,7 @@
 #include "server/api/map_state.hpp"
 #include "server/jobs/ingest_request.hpp"
 #include "server/jobs/merge.hpp"
+#include "server/jobs/part_helper.hpp"
 #include "server/jobs/upload_source.hpp"
 #include "server/metrics.hpp"
 
@@ -33,6 +34,9 @@ struct JobQueueOptions {
   /// How long a job stays this server's after its last sign of life; it gives one three times as
   /// often. What a slow disk or network can take must be less.
   std::chrono::milliseconds lease = std::chrono::seconds(15);
+  /// True where other processes reach the store: those that have no job make CELLs of the drives
+  /// that others read, so that all work on one drive.
+  bool shares_drives = true;
   int threads = 1;                                ///< of one job's computations; 0: all
   int workers = 16;                               ///< jobs that run at a time; uploads mostly wait
   std::size_t max_unfinished = 64;                ///< queued and running jobs; more are refused
@@ -151,6 +155,7 @@ class JobQueue {
   std::condition_variable news_;
   std::thread claimer_;
   std::vector<std::thread> workers_;
+  std::unique_ptr<PartHelper> helper_;
 };
 
 }  // namespace cellmap::server

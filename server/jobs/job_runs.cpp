@@ -101,7 +101,11 @@ void JobQueue::carry_out(LiveJob& job, const IngestHooks& hooks) {
     const std::lock_guard lock(mutex_);
     job.record.scans_done = 0;
   }
-  run_ingest(maps_, *job.store, map, job.request, source, job.stop.get_token(), hooks);
+  std::optional<SharedJob> shared;
+  if (options_.shares_drives && job.request.path) {
+    shared.emplace(SharedJob{parts_of(store_), job.claim, *log_});
+  }
+  run_ingest(maps_, *job.store, map, job.request, source, job.stop.get_token(), hooks, shared);
 }
 
 /// The job is not this server's any more: it goes on elsewhere, or here when it is claimed again.

@@ -208,6 +208,9 @@ void coded_cell_rows(const Setting& setting, const AddRow& add) {
   add_row("raw", raw, [](const Bytes& bytes) { return decode_cell(bytes); });
   add_row("packed", packed, [](const Bytes& bytes) { return decode_coded_cell(bytes); });
   add_row("compact, 20 mm", compact, [](const Bytes& bytes) { return decode_coded_cell(bytes); });
+  CellDecoder decoder;
+  add_row("compact, 20 mm, one of many", compact,
+          [&](const Bytes& bytes) { return decoder.decode(bytes); });
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 """Makes FOLDER/TARGET/ anew with what each fuzz target begins with: files of tests/conformance, and texts from here.
 
 Usage: make_seeds.py FOLDER"""
+import json
 import shutil
 import struct
 import sys
@@ -118,6 +119,19 @@ def bodies():
     yield "store_rows", "scans", b"\4" + 2 * (struct.pack("<q", 5) + pose_row())
 
 
+def drive_part():
+    """A part of a drive that is one CELL, in the second implementation's layout."""
+    cell, twin = (FILES / "street.cell").read_bytes(), json.loads((FILES / "street.json").read_text())
+    scans, voxels, b = twin["scan_count"], [(3, 1), (4, 9), (1 << 40, (1 << 64) - 1)], generate.Builder()
+    columns = {0: b.vector(cell, len(cell), 1),
+               1: b.vector(struct.pack(f"<{scans}q", *range(scans)), scans, 8),
+               2: b.vector(scans * pose_row(), scans, 8)}
+    columns.update({4 + k: b.vector(struct.pack(f"<{len(voxels)}Q", *(v[k] for v in voxels)), len(voxels), 8) for k in (0, 1)})
+    made = b.table({3: ("Q", 7), **{ident: ("ref", column) for ident, column in columns.items()}})
+    cells = b.offsets([made])
+    yield "drive_part", "one-cell", b.finish(b.table({0: ("H", generate.VERSION), 1: ("ref", cells)}), b"CPRT")
+
+
 def seeds():
     for target, files in FROM_FILES.items():
         for k, (pattern, before, part) in enumerate(files):
@@ -127,6 +141,7 @@ def seeds():
         for k, text in enumerate(texts):
             yield target, f"text-{k}", text.encode()
     yield from bodies()
+    yield from drive_part()
 
 
 def main():

@@ -44,5 +44,25 @@ TEST(VoxelCounter, ReachesAMillionVoxelsAwayFromTheOrigin) {
   EXPECT_EQ(counter.size(), 4U);
 }
 
+TEST(VoxelCounter, TakesInWhatOthersHaveCounted) {
+  std::mt19937 rng(6);
+  std::normal_distribution<float> spread(0, 9);
+  VoxelCounter together(0.4), merged(0.4), part(0.4);
+  for (int scan = 0; scan < 5; ++scan) {
+    PointCloud cloud;
+    for (int i = 0; i < 3'000; ++i) cloud.push_back({spread(rng), spread(rng), spread(rng)});
+    together.add(cloud);
+    part.clear();
+    part.add(cloud);
+    merged.add(part.blocks());
+    EXPECT_EQ(merged.size(), together.size());
+  }
+  EXPECT_EQ(merged.blocks(), together.blocks());
+  EXPECT_LT(together.blocks().back().key, kVoxelKeys);
+  merged.clear();
+  EXPECT_EQ(merged.size(), 0u);
+  EXPECT_TRUE(merged.blocks().empty());
+}
+
 }  // namespace
 }  // namespace cellmap

@@ -15,11 +15,9 @@ namespace {
 
 using test::TownDrive;
 
-FrontEnd front_end() { return {test::quick_mapper_options(), "drive", test::BuiltMap().lattice}; }
-
 std::vector<ContentHash> hashes(bool ahead) {
   const auto source = TownDrive().open();
-  FrontEnd front = front_end();
+  FrontEnd front = test::quick_front_end();
   std::vector<ContentHash> found;
   make_cells(*source, front, ahead, {[&](FinishedCell&& cell) {
     EXPECT_EQ(cell.cell().sequence, found.size());
@@ -65,7 +63,7 @@ TEST(MakeCells, ReadingAheadGivesTheSameCells) {
 
 TEST(MakeCells, TheSinkIsCalledOnTheCallingThreadOnly) {
   const auto source = TownDrive().open();
-  FrontEnd front = front_end();
+  FrontEnd front = test::quick_front_end();
   const auto caller = std::this_thread::get_id();
   make_cells(*source, front, true,
              {[&](FinishedCell&&) { EXPECT_EQ(std::this_thread::get_id(), caller); }});
@@ -73,7 +71,7 @@ TEST(MakeCells, TheSinkIsCalledOnTheCallingThreadOnly) {
 
 TEST(MakeCells, AFailingSinkEndsAReaderThatWaitsForScans) {
   SilentAfter source(TownDrive().open(), 40);
-  FrontEnd front = front_end();
+  FrontEnd front = test::quick_front_end();
   const auto act = [&] {
     make_cells(source, front, true,
                {[](FinishedCell&&) { throw Error(ErrorCode::kConflict, "the map changed"); }});
@@ -85,7 +83,7 @@ TEST(MakeCells, WhatWasFinishedBeforeTheSourceFailedIsHandedOn) {
   for (const bool ahead : {false, true}) {
     SilentAfter source(TownDrive().open(), 40);
     source.interrupt();
-    FrontEnd front = front_end();
+    FrontEnd front = test::quick_front_end();
     std::uint32_t scans = 0;
     const auto act = [&] {
       make_cells(source, front, ahead,

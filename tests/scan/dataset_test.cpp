@@ -55,9 +55,11 @@ TEST(Dataset, StreamsScansWithTheirPosesAndTimes) {
   write_drive(folder, 4);
   const auto source = open_dataset(folder.path());
   EXPECT_EQ(source->size(), 4U);
+  ASSERT_EQ(source->odometry().size(), 4U);  // before a scan is read
   const std::vector<PosedScan> scans = read_all(*source);
   ASSERT_EQ(scans.size(), 4U);
   for (std::size_t i = 0; i < scans.size(); ++i) {
+    EXPECT_EQ(source->odometry()[i].matrix(), scans[i].T_odom_sensor.matrix());
     EXPECT_EQ(scans[i].index, i);
     EXPECT_EQ(scans[i].stamp, 10'500'000'000 + static_cast<Stamp>(i) * 1'000'000'000);
     EXPECT_EQ(scans[i].T_odom_sensor.translation(), Eigen::Vector3d(static_cast<double>(i), 0, 0));

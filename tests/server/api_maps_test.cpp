@@ -1,3 +1,5 @@
+#include <SQLiteCpp/SQLiteCpp.h>
+
 #include "server/server_fixture.hpp"
 
 namespace cellmap::server::test {
@@ -25,6 +27,18 @@ TEST_F(ApiMaps, RequestsAreCountedByRouteNotByPath) {
   const std::string metrics(body_view(get("/metrics")));
   EXPECT_THAT(metrics, HasSubstr("route=\"/v1/maps/{map}\""));
   EXPECT_THAT(metrics, ::testing::Not(HasSubstr("atlantis")));
+}
+
+TEST_F(ApiMaps, MetricsAreThereWhileTheStoreIsNot) {
+  EXPECT_THAT(std::string(body_view(get("/metrics"))), HasSubstr("\ncellmap_store_up 1\n"));
+  SQLite::Database(folder_.path() / "store.db", SQLite::OPEN_READWRITE)
+      .exec("ALTER TABLE map RENAME TO away");
+  const Response answer = get("/metrics");
+  EXPECT_EQ(answer.status, 200);
+  const std::string metrics(body_view(answer));
+  EXPECT_THAT(metrics, HasSubstr("\ncellmap_store_up 0\n"));
+  EXPECT_THAT(metrics, ::testing::Not(HasSubstr("cellmap_maps")));
+  EXPECT_THAT(metrics, HasSubstr("http_requests_total"));
 }
 
 TEST_F(ApiMaps, AMapIsMadeSummarisedListedAndDeleted) {

@@ -87,7 +87,8 @@ const std::vector<Operation> kOperations = {
      }},
     {"Reopen", [](Store&) {}},
     {"Migrate", [](Store&) {},
-     std::string(kUndoSchema6) + kUndoSchema5 + "DROP TABLE document; PRAGMA user_version = 3"},
+     std::string(kUndoSchema7) + kUndoSchema6 + kUndoSchema5 +
+         "DROP TABLE document; PRAGMA user_version = 3"},
 };
 
 /// Hundreds of stores are made and thrown away: in memory where there is such a folder, since some

@@ -11,7 +11,7 @@
 #include "cellmap/store/postgres_schema.hpp"
 #include "cellmap/store/sql_claims.hpp"
 #include "cellmap/store/sql_schema.hpp"
-#include "store/claims_contract.hpp"
+#include "store/parts_contract.hpp"
 #include "store/postgres_engine.hpp"
 #include "support/expect_error.hpp"
 
@@ -27,6 +27,7 @@ StoreEngine postgres_engine() {
 
 INSTANTIATE_TEST_SUITE_P(Postgres, StoreContract, ::testing::Values(postgres_engine()));
 INSTANTIATE_TEST_SUITE_P(Postgres, ClaimsContract, ::testing::Values(postgres_engine()));
+INSTANTIATE_TEST_SUITE_P(Postgres, PartsContract, ::testing::Values(postgres_engine()));
 
 class PostgresStoreTest : public ::testing::Test {
  protected:

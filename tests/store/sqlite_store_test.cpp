@@ -7,9 +7,10 @@
 #include <iterator>
 
 #include "cellmap/codec/zstd.hpp"
+#include "cellmap/store/sql_store.hpp"
 #include "cellmap/store/sqlite_schema.hpp"
-#include "store/claims_contract.hpp"
 #include "store/older_schema.hpp"
+#include "store/parts_contract.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
 
@@ -25,6 +26,7 @@ StoreEngine sqlite_engine() {
 
 INSTANTIATE_TEST_SUITE_P(Sqlite, StoreContract, ::testing::Values(sqlite_engine()));
 INSTANTIATE_TEST_SUITE_P(Sqlite, ClaimsContract, ::testing::Values(sqlite_engine()));
+INSTANTIATE_TEST_SUITE_P(Sqlite, PartsContract, ::testing::Values(sqlite_engine()));
 
 std::string read_file(const fs::path& file) {
   std::ifstream stream(file, std::ios::binary);
@@ -96,7 +98,7 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
 
 TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   make_store();
-  run_sql(file_, std::string(kUndoSchema6) + kUndoSchema5 + R"sql(
+  run_sql(file_, std::string(kUndoSchema7) + kUndoSchema6 + kUndoSchema5 + R"sql(
       DROP TABLE document;
       DROP INDEX pose_constraint_by_judged;
       ALTER TABLE pose_constraint DROP COLUMN weight;
@@ -127,7 +129,8 @@ TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
 
 TEST_F(SqliteStoreTest, JobsOfVersionFiveMayBeClaimed) {
   make_store();
-  run_sql(file_, std::string(kUndoSchema6) + kJobsOfSchema5 + "PRAGMA user_version = 5");
+  run_sql(file_,
+          std::string(kUndoSchema7) + kUndoSchema6 + kJobsOfSchema5 + "PRAGMA user_version = 5");
   const auto store = open_sqlite_store(file_);
   expect_jobs_of_schema5(*store);
   EXPECT_EQ(store->map("town").cells, 5u);
@@ -325,6 +328,26 @@ TEST_F(SqliteStoreTest, OptionsAreChecked) {
   options.max_readers = 0;
   expect_error(
       ErrorCode::kInvalidArgument, [&] { open_sqlite_store(file_, options); }, "reader");
+}
+
+TEST_F(SqliteStoreTest, APartThatWasDamagedInTheFileIsRecognisedAndRemoved) {
+  const auto store = open_sqlite_store(file_);
+  JobRecord record;
+  record.map = "town";
+  record.kind = "ingest";
+  claims_of(*store).queue_job(record, true, nothing_same);
+  const HeldJob job = *claims_of(*store).claim_job({.worker = "holder", .lease = kLong});
+  const JobPart part{claim_of(job), 0, 0, 10};
+  Parts& parts = parts_of(*store);
+  parts.offer_parts({part});
+  ASSERT_TRUE(parts.take_part(job.record.id, "a"));
+  ASSERT_TRUE(parts.deliver_part(part, "a", some_bytes(100)));
+  dynamic_cast<SqlStore&>(*store).change_tables([](SqlConnection& connection) {
+    connection.execute("UPDATE job_part SET made = zeroblob(100)");
+  });
+  expect_error(
+      ErrorCode::kCorruptData, [&] { parts.collect_part(part); }, "damaged");
+  EXPECT_TRUE(parts.offered_parts(part.claim).empty());
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cellmap/pipeline/build_map.hpp"
+#include "cellmap/pipeline/front_end.hpp"
 #include "cellmap/simulation/simulator.hpp"
 #include "support/temp_folder.hpp"
 
@@ -110,5 +111,8 @@ inline MapperOptions quick_mapper_options() {
   options.loops.search_points = 1'500;
   return options;
 }
+
+/// Of a session "drive" that nothing is known of.
+inline FrontEnd quick_front_end() { return {quick_mapper_options(), "drive", BuiltMap().lattice}; }
 
 }  // namespace cellmap::test

@@ -45,13 +45,6 @@ bool is_of(const CellRecord& record, const DecodedCell& decoded) {
   return decoded.raw_hash == record.hash || encode_cell(decoded.cell).hash == record.hash;
 }
 
-FetchedCodedCell whole(CellId id, std::span<const std::byte> bytes, const CodedCellForm& form) {
-  FetchedCodedCell fetched{
-      id, {bytes.begin(), bytes.end()}, decode_coded_cell(bytes), bytes.size()};
-  check_form(fetched.decoded, form);
-  return fetched;
-}
-
 }  // namespace
 
 CodedCellForm coded_form_of(const CellForm& form) {
@@ -72,7 +65,14 @@ struct CodedCellReader::Impl {
     return transport.perform(request);
   }
 
+  FetchedCodedCell whole(CellId id, std::span<const std::byte> bytes, const CodedCellForm& form) {
+    FetchedCodedCell fetched{id, {bytes.begin(), bytes.end()}, decoder.decode(bytes), bytes.size()};
+    check_form(fetched.decoded, form);
+    return fetched;
+  }
+
   client::Transport transport;
+  CellDecoder decoder;
 };
 
 CodedCellReader::CodedCellReader(const ClientOptions& options) {
@@ -87,7 +87,7 @@ Traffic CodedCellReader::traffic() const { return impl_->transport.traffic(); }
 
 FetchedCodedCell CodedCellReader::cell(const std::string& map, CellId id,
                                        const CodedCellForm& form) {
-  return whole(id, as_bytes(impl_->get(map, id, form, false).body), form);
+  return impl_->whole(id, as_bytes(impl_->get(map, id, form, false).body), form);
 }
 
 FetchedCodedCell CodedCellReader::coarse_cell(const std::string& map, CellId id,
@@ -122,7 +122,7 @@ void CodedCellReader::for_each_cell(
     while (const auto entry = reader.next()) {
       const auto found = missing.find(entry->id);
       if (found == missing.end()) continue;
-      const FetchedCodedCell fetched = whole(entry->id, entry->bytes, form);
+      const FetchedCodedCell fetched = impl_->whole(entry->id, entry->bytes, form);
       if (!is_of(*found->second, fetched.decoded)) {
         throw Error(ErrorCode::kConflict, "CELL " + std::to_string(entry->id.value) + " of map '" +
                                               map +

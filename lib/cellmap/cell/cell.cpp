@@ -74,6 +74,14 @@ void validate(const Cell& cell) {
   validate_planes(cell.lattice, cell.indices, cell.planes);
 }
 
+void validate_plane(const Plane& plane, const Eigen::Vector3d& direction, std::uint32_t index) {
+  if (is_unit(plane) && is_distance(plane.distance_m) && faces_origin(plane, direction)) return;
+  const std::string broken = !is_unit(plane)                  ? "a normal is not a unit vector"
+                             : !is_distance(plane.distance_m) ? "a distance is outside (0, 10000] m"
+                                                              : "a normal does not face the origin";
+  require(false, broken + " at lattice point " + std::to_string(index));
+}
+
 void validate_planes(const LatticeSpec& spec, std::span<const std::uint32_t> indices,
                      std::span<const Plane> planes) {
   if (indices.size() != planes.size()) {
@@ -86,13 +94,7 @@ void validate_planes(const LatticeSpec& spec, std::span<const std::uint32_t> ind
     require(k == 0 || indices[k - 1] < indices[k], "its indices are not strictly increasing");
   }
   DirectionBlocks(lattice).visit(indices, [&](std::size_t k, const Eigen::Vector3d& direction) {
-    const Plane& plane = planes[k];
-    if (is_unit(plane) && is_distance(plane.distance_m) && faces_origin(plane, direction)) return;
-    const std::string broken = !is_unit(plane) ? "a normal is not a unit vector"
-                               : !is_distance(plane.distance_m)
-                                   ? "a distance is outside (0, 10000] m"
-                                   : "a normal does not face the origin";
-    require(false, broken + " at lattice point " + std::to_string(indices[k]));
+    validate_plane(planes[k], direction, indices[k]);
   });
 }
 

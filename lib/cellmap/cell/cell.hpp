@@ -62,6 +62,9 @@ bool is_session_name(std::string_view name);
 /// [A-Za-z0-9._-], first_stamp <= last_stamp.
 void validate(const Cell& cell);
 
+/// The rules for one plane, whose lattice point `index` lies in `direction`. Throws as `validate`.
+void validate_plane(const Plane& plane, const Eigen::Vector3d& direction, std::uint32_t index);
+
 /// The rules of `validate` for planes alone, wherever they lie: everything on indices and planes.
 /// About 6 ns a plane with AVX2.
 void validate_planes(const LatticeSpec& lattice, std::span<const std::uint32_t> indices,

@@ -2,6 +2,10 @@
 
 namespace cellmap {
 
+bool begins_next_cell(const Pose& T_odom_base, const Pose& T_odom_sensor, double cell_distance_m) {
+  return (T_odom_sensor.translation() - T_odom_base.translation()).norm() > cell_distance_m;
+}
+
 LocalMap::LocalMap(Scan base_scan, const Pose& T_odom_base, std::uint32_t first_scan)
     : base_scan_(std::move(base_scan)),
       T_odom_cell_(T_odom_base),
@@ -16,7 +20,7 @@ LocalMap::LocalMap(Scan base_scan, const Pose& T_odom_base, std::uint32_t first_
 }
 
 bool LocalMap::is_complete_for(const Pose& T_odom_sensor, double cell_distance_m) const {
-  return (T_odom_sensor.translation() - T_odom_cell_.translation()).norm() > cell_distance_m;
+  return begins_next_cell(T_odom_cell_, T_odom_sensor, cell_distance_m);
 }
 
 void LocalMap::add(const Scan& scan, const Pose& T_odom_sensor) {

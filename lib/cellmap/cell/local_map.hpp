@@ -14,6 +14,10 @@ struct ScanInCell {
   Pose T_cell_scan = Pose::Identity();
 };
 
+/// The rule by which a drive is cut into CELLs: true where a scan at this pose belongs to the next
+/// one, strictly more than `cell_distance_m` from the base scan of this one.
+bool begins_next_cell(const Pose& T_odom_base, const Pose& T_odom_sensor, double cell_distance_m);
+
 /// Scans stacked by odometry pose until the next one is more than a set distance away (paper,
 /// Sec. III-A). Mutable, one owner.
 class LocalMap {
@@ -21,8 +25,7 @@ class LocalMap {
   /// Starts with its base scan, whose pose is the frame of the local map.
   LocalMap(Scan base_scan, const Pose& T_odom_base, std::uint32_t first_scan);
 
-  /// True where a scan at this pose belongs to the next local map: strictly more than
-  /// `cell_distance_m` from the base pose.
+  /// `begins_next_cell` after the base scan.
   bool is_complete_for(const Pose& T_odom_sensor, double cell_distance_m) const;
 
   void add(const Scan& scan, const Pose& T_odom_sensor);

@@ -1,6 +1,7 @@
 #include "cellmap/codec/coded_cell.hpp"
 
 #include <cmath>
+#include <memory>
 #include <string>
 
 #include "cellmap/codec/cell_wire.hpp"
@@ -105,8 +106,15 @@ void check_coding(const schema::CodedCell& wire, const Lattice& lattice) {
   }
 }
 
+using KeptLattice = std::unique_ptr<CodingLattice>;
+
+CodingLattice& lattice_for(const LatticeSpec& spec, KeptLattice& kept) {
+  if (!kept || kept->lattice.spec() != spec) kept = std::make_unique<CodingLattice>(spec);
+  return *kept;
+}
+
 /// Verified bytes; those after the coarse layer are not looked at where `is_coarse`.
-DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
+DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse, KeptLattice& kept) {
   const schema::CodedCell& wire = coded_root(bytes);
   DecodedCell decoded;
   decoded.hash = hash_from_wire(*wire.content_hash());
@@ -116,7 +124,8 @@ DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
   decoded.is_coarse = is_coarse;
   decoded.all_planes = wire.plane_count();
   decoded.cell = header_from_wire(wire);
-  CodingLattice lattice(decoded.cell.lattice);
+  validate(decoded.cell);  // its planes are as they are decoded
+  CodingLattice& lattice = lattice_for(decoded.cell.lattice, kept);
   check_coding(wire, lattice.lattice);
   const std::span data(reinterpret_cast<const std::byte*>(wire.data()->data()),
                        wire.data()->size());
@@ -131,7 +140,6 @@ DecodedCell decode_verified(std::span<const std::byte> bytes, bool is_coarse) {
                              : decode_compact_planes(lattice, layers, decoded.bound_m, version);
   decoded.cell.indices = std::move(planes.indices);
   decoded.cell.planes = std::move(planes.planes);
-  validate(decoded.cell);
   return decoded;
 }
 
@@ -155,12 +163,12 @@ std::size_t checked_coarse_bytes(std::span<const std::byte> bytes, const schema:
   throw Error(ErrorCode::kCorruptData, "the coarse layer of a coded CELL is longer than its data");
 }
 
-DecodedCell decode_aligned(std::span<const std::byte> bytes) {
+DecodedCell decode_aligned(std::span<const std::byte> bytes, KeptLattice& kept) {
   verify_buffer(bytes, kCodedKind, kMaxCodedTables);
   const schema::CodedCell& wire = coded_root(bytes);
   check_hash(bytes, *wire.content_hash(), kCodedKind.name);
   check_coarse_hash(bytes.first(checked_coarse_bytes(bytes, wire)), wire);
-  return decode_verified(bytes, false);
+  return decode_verified(bytes, false, kept);
 }
 
 CodedLayers coded(const Cell& cell, std::uint32_t bound_um) {
@@ -187,10 +195,16 @@ EncodedCell encode_compact_cell(const Cell& cell, double bound_m) {
   return to_file(cell, CellEncoding::kCompact, bound_um, coded(cell, bound_um));
 }
 
-DecodedCell decode_coded_cell(std::span<const std::byte> bytes) {
+CellDecoder::CellDecoder() = default;
+CellDecoder::~CellDecoder() = default;
+CellDecoder::CellDecoder(CellDecoder&&) noexcept = default;
+CellDecoder& CellDecoder::operator=(CellDecoder&&) noexcept = default;
+
+DecodedCell CellDecoder::decode(std::span<const std::byte> bytes) {
   check_size(bytes, kCodedKind);
-  DecodedCell decoded =
-      is_aligned(bytes) ? decode_aligned(bytes) : decode_aligned(Bytes(bytes.begin(), bytes.end()));
+  DecodedCell decoded = is_aligned(bytes)
+                            ? decode_aligned(bytes, lattice_)
+                            : decode_aligned(Bytes(bytes.begin(), bytes.end()), lattice_);
   if (decoded.encoding == CellEncoding::kPacked &&
       encode_cell(decoded.cell).hash != decoded.raw_hash) {
     throw Error(ErrorCode::kCorruptData,
@@ -198,6 +212,10 @@ DecodedCell decode_coded_cell(std::span<const std::byte> bytes) {
                     to_hex(decoded.raw_hash));
   }
   return decoded;
+}
+
+DecodedCell decode_coded_cell(std::span<const std::byte> bytes) {
+  return CellDecoder().decode(bytes);
 }
 
 DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t file_bytes) {
@@ -218,7 +236,8 @@ DecodedCell decode_coarse_cell(std::span<const std::byte> prefix, std::size_t fi
                                              std::to_string(prefix.size()) + " were given");
   }
   check_coarse_hash(std::span(bytes).first(coarse), wire);
-  return decode_verified(bytes, true);
+  KeptLattice lattice;
+  return decode_verified(bytes, true, lattice);
 }
 
 std::size_t coarse_cell_bytes(std::span<const std::byte> bytes) {

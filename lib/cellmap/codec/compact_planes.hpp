@@ -19,7 +19,7 @@ CodedLayers encode_compact_planes(CodingLattice& lattice, std::span<const std::u
                                   std::span<const Plane> planes, double bound_m);
 
 /// Trusts no byte: Error{kCorruptData} for any that no encoder writes for so many planes. One layer
-/// gives the coarse planes, two give all. The planes are finite; the caller asks `validate_planes`.
+/// gives the coarse planes, two give all. For each plane `validate_plane` holds.
 /// Time and memory are bounded by the lattice: at most 40 bytes a lattice point.
 DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
                                     double bound_m, CompactVersion version);

@@ -12,10 +12,10 @@ namespace {
 /// Decodes the planes of one layer, a batch at a time.
 class LayerDecoder {
  public:
-  /// `planes` are as many as the layer has.
+  /// Into `decoded.planes`; the indices are there.
   LayerDecoder(RangeDecoder& coder, CompactState& state, CompactModel& model,
-               std::span<Plane> planes)
-      : coder_(coder), state_(state), model_(model), planes_(planes) {}
+               DecodedPlanes& decoded)
+      : coder_(coder), state_(state), model_(model), decoded_(decoded) {}
 
   void decode(std::size_t first, const PatchBatch& batch) {
     const StepRule& rule = state_.rules[batch.sphere];
@@ -44,8 +44,9 @@ class LayerDecoder {
     code_plane(coder, model_, state_.version, context, coded);
     is_kept_[k] = coded.scale == kEscapeScale;
     if (is_kept_[k]) {
-      planes_[first + k] = {std::bit_cast<float>(coded.raw[0]), std::bit_cast<float>(coded.raw[1]),
-                            std::bit_cast<float>(coded.raw[2]), std::bit_cast<float>(coded.raw[3])};
+      decoded_.planes[first + k] = {
+          std::bit_cast<float>(coded.raw[0]), std::bit_cast<float>(coded.raw[1]),
+          std::bit_cast<float>(coded.raw[2]), std::bit_cast<float>(coded.raw[3])};
       return;
     }
     const LeaningPlane plane = context.rebuilt(coded);
@@ -56,16 +57,19 @@ class LayerDecoder {
   void settle(std::size_t first, const PatchBatch& batch, std::size_t begin, std::size_t end) {
     rebuilt_.rebuild(batch, begin, end);
     for (std::size_t k = begin; k < end; ++k) {
-      if (is_kept_[k]) continue;
-      planes_[first + k] = rebuilt_.plane(k);
-      rebuilt_.add_to(state_.known, batch, k);
+      Plane& plane = decoded_.planes[first + k];
+      if (!is_kept_[k]) {
+        plane = rebuilt_.plane(k);
+        rebuilt_.add_to(state_.known, batch, k);
+      }
+      validate_plane(plane, batch.direction(k), decoded_.indices[first + k]);
     }
   }
 
   RangeDecoder& coder_;
   CompactState& state_;
   CompactModel& model_;
-  std::span<Plane> planes_;
+  DecodedPlanes& decoded_;
   std::array<bool, simd::kMostPatches> is_kept_{};
   BatchContext contexts_;
   RebuiltBatch rebuilt_;
@@ -86,7 +90,7 @@ std::vector<DecodedPlanes> decode_layers(CodingLattice& lattice, std::span<const
     decoded.indices = std::move(state.index.of_layer);
     check_count(decoded.indices, layers[layer].planes);
     decoded.planes.resize(decoded.indices.size());
-    LayerDecoder decoder(coder, state, model, decoded.planes);
+    LayerDecoder decoder(coder, state, model, decoded);
     visit_batches(lattice, decoded.indices, [&](std::size_t first, const PatchBatch& batch) {
       decoder.decode(first, batch);
     });

@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <type_traits>
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
@@ -105,18 +106,20 @@ struct PackedState {
   CodedIndex index;
 };
 
-/// Codes the planes of lattice points of one layer.
+/// Codes the planes of lattice points of one layer; those that are read are validated.
 template <typename Coder>
 void code_planes(Coder& coder, PackedState& state, PackedModel& model,
                  std::span<const std::uint32_t> indices, std::span<Plane> planes) {
+  constexpr bool is_decoder = std::is_same_v<Coder, RangeDecoder>;
   visit_batches(state.lattice, indices, [&](std::size_t first, const PatchBatch& batch) {
     const simd::PatchPredictions& predictions = state.known.predict(batch);
     for (std::size_t k = 0; k < batch.count; ++k) {
       if (state.known.is_guess(k)) state.known.guess(batch, k);
       code_plane(coder, model, expected(predictions, k), planes[first + k]);
+      if (is_decoder) validate_plane(planes[first + k], batch.direction(k), indices[first + k]);
       state.known.add(batch, k, to_inverse(planes[first + k], batch.direction(k)));
     }
-    if constexpr (requires { coder.check(); }) coder.check();
+    if constexpr (is_decoder) coder.check();
   });
 }
 
@@ -195,7 +198,9 @@ DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view)
     // The stream knows nothing of these planes, but planes of the next layer are next to them.
     visit_batches(state.lattice, decoded.indices, [&](std::size_t first, const PatchBatch& batch) {
       for (std::size_t k = 0; k < batch.count; ++k) {
-        state.known.add(batch, k, to_inverse(decoded.planes[first + k], batch.direction(k)));
+        const Plane& plane = decoded.planes[first + k];
+        validate_plane(plane, batch.direction(k), decoded.indices[first + k]);
+        state.known.add(batch, k, to_inverse(plane, batch.direction(k)));
       }
     });
   } else {

@@ -13,8 +13,7 @@ namespace cellmap {
 CodedLayers encode_packed_planes(CodingLattice& lattice, std::span<const std::uint32_t> indices,
                                  std::span<const Plane> planes);
 
-/// Trusts no byte, as `decode_compact_planes`. Numbers may be of any kind: the caller asks
-/// `validate_planes`.
+/// Trusts no byte, as `decode_compact_planes`, and validates each plane.
 DecodedPlanes decode_packed_planes(CodingLattice& lattice, std::span<const LayerView> layers);
 
 }  // namespace cellmap

@@ -73,10 +73,11 @@ DecodedMap read_cells(const MapFiles& files, const CellForm& form,
   const auto poses = std::find_if(files.begin(), files.end(),
                                   [](const MapFile& file) { return file.name == kPosesName; });
   const PoseGraph graph = decode_pose_graph(poses->bytes);
+  CellDecoder decoder;
   for (const MapFile& file : files) {
     if (&file == &*poses) continue;
     Cell cell = form.encoding == KeptEncoding::kRaw ? decode_cell(file.bytes)
-                                                    : decode_coded_cell(file.bytes).cell;
+                                                    : decoder.decode(file.bytes).cell;
     const Pose T_map_cell = graph.nodes.at(CellId{cell.sequence + 1});
     map.cells.push_back({std::make_shared<const RegistrationTarget>(
                              std::make_shared<const Cell>(std::move(cell)), lattice),

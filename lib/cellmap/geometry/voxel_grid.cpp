@@ -1,8 +1,15 @@
 #include "cellmap/geometry/voxel_grid.hpp"
 
+#include <algorithm>
+#include <bit>
+#include <iterator>
 #include <utility>
 
 namespace cellmap {
+
+std::vector<VoxelBlock> VoxelCounter::empty_table(std::size_t size) {
+  return std::vector<VoxelBlock>(size, {kEmpty, 0});
+}
 
 /// Where the block is or would be.
 std::size_t VoxelCounter::place_of(std::uint64_t key) const {
@@ -25,8 +32,8 @@ std::size_t VoxelCounter::find_or_insert(std::uint64_t key) {
 }
 
 void VoxelCounter::grow() {
-  const std::vector<Block> old = std::exchange(table_, std::vector<Block>(2 * table_.size()));
-  for (const Block& block : old) {
+  const std::vector<VoxelBlock> old = std::exchange(table_, empty_table(2 * table_.size()));
+  for (const VoxelBlock& block : old) {
     if (block.key != kEmpty) table_[place_of(block.key)] = block;
   }
 }
@@ -52,6 +59,28 @@ void VoxelCounter::add(const PointCloud& cloud) {
     voxels_ += (occupied & bit) == 0;
     occupied |= bit;
   }
+}
+
+void VoxelCounter::add(std::span<const VoxelBlock> blocks) {
+  for (const VoxelBlock& block : blocks) {
+    std::uint64_t& occupied = table_[find_or_insert(block.key)].occupied;
+    voxels_ += static_cast<std::size_t>(std::popcount(block.occupied & ~occupied));
+    occupied |= block.occupied;
+  }
+}
+
+std::vector<VoxelBlock> VoxelCounter::blocks() const {
+  std::vector<VoxelBlock> found;
+  found.reserve(blocks_);
+  std::ranges::copy_if(table_, std::back_inserter(found),
+                       [](const VoxelBlock& block) { return block.key != kEmpty; });
+  std::ranges::sort(found, {}, &VoxelBlock::key);
+  return found;
+}
+
+void VoxelCounter::clear() {
+  std::ranges::fill(table_, VoxelBlock{kEmpty, 0});
+  voxels_ = blocks_ = 0;
 }
 
 }  // namespace cellmap

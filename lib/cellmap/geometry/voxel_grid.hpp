@@ -2,11 +2,20 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "cellmap/geometry/point_cloud.hpp"
 
 namespace cellmap {
+
+/// Occupied voxels of one block of 4 x 4 x 4.
+struct VoxelBlock {
+  std::uint64_t key = 0;       ///< where it is; below kVoxelKeys
+  std::uint64_t occupied = 0;  ///< one bit a voxel
+  bool operator==(const VoxelBlock&) const = default;
+};
+constexpr std::uint64_t kVoxelKeys = std::uint64_t{1} << 57;
 
 /// Counts the occupied voxels of a growing cloud, which is the size of the voxel-downsampled cloud
 /// that map sizes are compared with. Voxels are kept in blocks of 4 x 4 x 4, one bit each, in a
@@ -20,22 +29,25 @@ class VoxelCounter {
   /// Adds points given in a common frame; coordinates up to +-2^20 voxels from the origin.
   void add(const PointCloud& cloud);
 
+  /// Adds what another counter of the same voxels holds.
+  void add(std::span<const VoxelBlock> blocks);
+
   std::size_t size() const { return voxels_; }
+  /// All that is occupied, by key.
+  std::vector<VoxelBlock> blocks() const;
+  void clear();
 
  private:
-  struct Block {
-    std::uint64_t key = kEmpty;
-    std::uint64_t occupied = 0;  // one bit a voxel
-  };
   static constexpr std::uint64_t kEmpty = ~std::uint64_t{0};
 
+  static std::vector<VoxelBlock> empty_table(std::size_t size);
   std::size_t place_of(std::uint64_t key) const;
   std::size_t find_or_insert(std::uint64_t key);
   void grow();
 
   double inverse_size_;
   std::size_t voxels_ = 0, blocks_ = 0;
-  std::vector<Block> table_ = std::vector<Block>(1 << 10);  // a power of two, at most half full
+  std::vector<VoxelBlock> table_ = empty_table(1 << 10);  // a power of two, at most half full
 };
 
 }  // namespace cellmap

@@ -17,6 +17,14 @@ FinishedCell finished_without_scans(std::shared_ptr<const RegistrationTarget> ta
   return finished;
 }
 
+SessionVoxels::SessionVoxels() : counter_(kVoxelSizeM) {}
+
+std::uint64_t SessionVoxels::add(std::span<const VoxelBlock> voxels) {
+  const std::size_t before = counter_.size();
+  if (before < kMaxVoxels) counter_.add(voxels);
+  return counter_.size() - before;
+}
+
 FrontEnd::FrontEnd(MapperOptions options, std::string session,
                    std::shared_ptr<const Lattice> lattice)
     : options_(std::move(options)),
@@ -33,7 +41,7 @@ std::optional<FinishedCell> FrontEnd::add(const PosedScan& raw) {
     finished = make_cell();
     local_map_.reset();
   }
-  if (voxels_.size() < kMaxVoxels) voxels_.add(transformed(scan.points, raw.T_odom_sensor));
+  voxels_.add(transformed(scan.points, raw.T_odom_sensor));
   if (local_map_) {
     local_map_->add(scan, raw.T_odom_sensor);
     raw_points_ += raw.points.size();
@@ -63,7 +71,9 @@ FinishedCell FrontEnd::make_cell() {
   finished.points = local_map_->base_scan().points;
   finished.scans = local_map_->scans();
   finished.raw_points = raw_points_;
-  finished.voxel_points = voxels_.size() - std::exchange(counted_voxels_, voxels_.size());
+  finished.voxels = voxels_.blocks();
+  finished.voxel_points = session_voxels_.add(finished.voxels);
+  voxels_.clear();
   return finished;
 }
 

@@ -45,8 +45,6 @@ class Handover {
   bool closed_ = false;
 };
 
-using HandOn = std::function<bool(FinishedCell&&)>;
-
 void feed(ScanSource& source, FrontEnd& front_end, const CellSink& sink,
           const std::stop_token& stop, const HandOn& hand_on) {
   while (const auto scan = source.next()) {
@@ -59,19 +57,19 @@ void feed(ScanSource& source, FrontEnd& front_end, const CellSink& sink,
 
 }  // namespace
 
-void make_cells(ScanSource& source, FrontEnd& front_end, bool ahead, const CellSink& sink,
-                const std::stop_token& stop) {
+void feed_cells(const CellFeed& feed, bool ahead,
+                const std::function<void(FinishedCell&&)>& on_cell,
+                const std::function<void()>& interrupt) {
   if (!ahead) {
-    return feed(source, front_end, sink, stop, [&](FinishedCell&& cell) {
-      sink.on_cell(std::move(cell));
+    return feed([&](FinishedCell&& cell) {
+      on_cell(std::move(cell));
       return true;
     });
   }
   Handover handover;
   auto fed = std::async(std::launch::async, [&] {
     try {
-      feed(source, front_end, sink, stop,
-           [&](FinishedCell&& cell) { return handover.put(std::move(cell)); });
+      feed([&](FinishedCell&& cell) { return handover.put(std::move(cell)); });
     } catch (...) {
       handover.close();
       throw;
@@ -79,14 +77,35 @@ void make_cells(ScanSource& source, FrontEnd& front_end, bool ahead, const CellS
     handover.close();
   });
   try {
-    while (auto cell = handover.take()) sink.on_cell(std::move(*cell));
+    while (auto cell = handover.take()) on_cell(std::move(*cell));
   } catch (...) {
     handover.close();
-    source.interrupt();
+    interrupt();
     fed.wait();
     throw;
   }
   fed.get();
+}
+
+void make_cells(ScanSource& source, FrontEnd& front_end, bool ahead, const CellSink& sink,
+                const std::stop_token& stop) {
+  feed_cells([&](const HandOn& hand_on) { feed(source, front_end, sink, stop, hand_on); }, ahead,
+             sink.on_cell, [&] { source.interrupt(); });
+}
+
+bool make_part(ScanSource& source, FrontEnd front_end, const DriveStretch& part,
+               const HandOn& hand_on, const std::stop_token& stop) {
+  source.seek(part.first_scan);
+  front_end.begin_at(part.sequence);
+  for (std::uint64_t i = 0; i < part.scan_count; ++i) {
+    throw_if_stopped(stop);
+    const auto scan = source.next();
+    if (!scan) break;
+    auto cell = front_end.add(*scan);
+    if (cell && !hand_on(std::move(*cell))) return false;
+  }
+  auto last = front_end.finish();
+  return !last || hand_on(std::move(*last));
 }
 
 }  // namespace cellmap

@@ -93,14 +93,6 @@ std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const Loop
   return starts;
 }
 
-PoseSearchOptions search_options(const LoopOptions& options) {
-  PoseSearchOptions search;
-  search.search_points = options.search_points;
-  search.refine_points = options.refine_points;
-  search.registration = options.registration;
-  return search;
-}
-
 /// Whether the candidate's own points, registered to the query's CELL, find the same pose.
 bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarget& query,
                     const Pose& T_candidate_query, const LoopOptions& options) {
@@ -129,7 +121,7 @@ bool is_believed(const RegistrationTarget& candidate, const LoopQuery& query,
 
 std::optional<LoopClosure> verify(const RegistrationTarget& candidate, const LoopQuery& query,
                                   const LoopCandidate& guess, const LoopOptions& options) {
-  const PoseSearchOptions search = search_options(options);
+  const PoseSearchOptions search = options.search();
   const std::vector<Pose> starts = starting_poses(candidate, query, guess, options);
   const auto found = search_poses(candidate, query.scan, starts, search);
   constexpr std::size_t kRefined = 2;
@@ -162,36 +154,7 @@ std::vector<LoopClosure> verify_all(std::span<const LoopCandidate> candidates,
   return closures;
 }
 
-void require_option(bool holds, const char* rule) {
-  if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("loop options need ") + rule);
-}
-
 }  // namespace
-
-std::string to_string(LoopAcceptance acceptance) {
-  return acceptance == LoopAcceptance::kPaper ? "paper" : "scores";
-}
-
-std::optional<LoopAcceptance> loop_acceptance_from(std::string_view name) {
-  for (const auto acceptance : {LoopAcceptance::kScores, LoopAcceptance::kPaper}) {
-    if (name == to_string(acceptance)) return acceptance;
-  }
-  return std::nullopt;
-}
-
-void LoopOptions::validate() const {
-  require_option(candidates <= 1000, "candidates <= 1000");
-  require_option(closures >= 1, "closures >= 1");
-  require_option(max_distance_m > 0 && max_distance_m <= 1e6, "0 < max_distance_m <= 1e6");
-  require_option(drift_m_per_m > 0 && drift_m_per_m <= 10, "0 < drift_m_per_m <= 10");
-  require_option(drift_deg_per_m > 0 && drift_deg_per_m <= 180, "0 < drift_deg_per_m <= 180");
-  require_option(seeds <= 1000, "seeds <= 1000");
-  require_option(max_reverse_difference_m > 0, "max_reverse_difference_m > 0");
-  require_option(max_reverse_difference_deg > 0, "max_reverse_difference_deg > 0");
-  acceptance.validate();
-  structure.validate();
-  search_options(*this).validate();
-}
 
 std::vector<LoopCandidate> find_loop_candidates(const PoseGraph& graph, CellId query,
                                                 const LoopOptions& options) {

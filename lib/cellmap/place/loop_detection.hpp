@@ -74,6 +74,7 @@ struct LoopOptions {
   RegistrationOptions registration = default_place_registration();
 
   void validate() const;
+  PoseSearchOptions search() const;
 };
 
 /// The nearest CELLs of the query's island by current position (paper, Sec. III-D), nearest first.

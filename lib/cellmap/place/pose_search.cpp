@@ -2,8 +2,6 @@
 
 #include <algorithm>
 
-#include "cellmap/core/error.hpp"
-
 namespace cellmap {
 namespace {
 
@@ -27,15 +25,6 @@ bool same_pose(const Pose& a, const Pose& b) {
 }
 
 }  // namespace
-
-void PoseSearchOptions::validate() const {
-  if (search_points < 100 || refine_points < search_points) {
-    throw Error(ErrorCode::kInvalidArgument,
-                "pose search: 100 <= search_points <= refine_points must hold, found " +
-                    std::to_string(search_points) + " and " + std::to_string(refine_points));
-  }
-  registration.validate();
-}
 
 double agreement(const RegistrationScores& scores) {
   if (scores.points == 0 || scores.hits == 0) return -1.0;

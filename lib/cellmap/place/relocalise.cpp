@@ -71,28 +71,6 @@ RelocalisationQuery checked(const RelocalisationQuery& query) {
 
 }  // namespace
 
-void RelocaliseOptions::validate() const {
-  require(candidates >= 1 && candidates <= 1000, "1 <= candidates <= 1000");
-  require(shortlist >= candidates, "shortlist >= candidates");
-  require(searched >= 1 && searched <= 1000, "1 <= searched <= 1000");
-  require(screen_points >= 100 && screen_points <= search_points,
-          "100 <= screen_points <= search_points");
-  require(starts >= 1 && starts <= 1000, "1 <= starts <= 1000");
-  require(alternatives <= 1000, "alternatives <= 1000");
-  require(threads >= 0, "threads >= 0");
-  require(min_confidence >= 0 && min_confidence <= 1, "0 <= min_confidence <= 1");
-  acceptance.validate();
-  search().validate();
-}
-
-PoseSearchOptions RelocaliseOptions::search() const {
-  PoseSearchOptions options;
-  options.search_points = search_points;
-  options.refine_points = refine_points;
-  options.registration = registration;
-  return options;
-}
-
 struct PlaceIndex::Impl {
   SignatureIndex signatures;
 

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <vector>
 
-#include "cellmap/core/error.hpp"
 #include "cellmap/registration/residuals.hpp"
 
 namespace cellmap {
@@ -158,16 +157,6 @@ double agreement(const StructureScores& scores) {
   return std::min(scores.inlier_ratio, scores.confirmed_ratio);
 }
 
-void StructureAcceptance::validate() const {
-  const auto is_share = [](double value) { return value >= 0 && value <= 1; };
-  if (is_share(min_inlier_ratio) && is_share(max_share_in_front) && is_share(min_confirmed_ratio) &&
-      is_share(max_share_seen_through)) {
-    return;
-  }
-  throw Error(ErrorCode::kInvalidArgument,
-              "structure acceptance: its ratios and shares must be within 0 and 1");
-}
-
 bool is_acceptable(const StructureScores& scores, const StructureAcceptance& options) {
   return scores.points >= options.min_points && scores.inlier_ratio >= options.min_inlier_ratio &&
          scores.share_in_front <= options.max_share_in_front &&
@@ -194,26 +183,6 @@ double confidence_of(const StructureScores& scores, const SurroundingsScores& su
 double odds_against(const SurroundingsScores& pose, const SurroundingsScores& other) {
   if (other.cells < kFewestAround) return 0.0;
   return std::exp(kOddsOfAround * (agreement(other) - agreement(pose)));
-}
-
-AcceptanceOptions searched_place_acceptance() {
-  AcceptanceOptions options;
-  options.min_inlier_ratio_hit = 0.5;
-  options.max_share_in_front = 0.3;
-  return options;
-}
-
-AcceptanceOptions default_place_acceptance() {
-  AcceptanceOptions options;
-  options.max_share_in_front = 0.02;
-  return options;
-}
-
-RegistrationOptions default_place_registration() {
-  RegistrationOptions options;
-  options.convergence_translation_m = 1e-3;
-  options.convergence_rotation_rad = 1e-4;
-  return options;
 }
 
 }  // namespace cellmap

@@ -20,10 +20,6 @@ namespace {
 /// A normal matrix scaled to unit diagonal with a smaller eigenvalue leaves a motion undetermined.
 constexpr double kSingular = 1e-9;
 
-void require(bool holds, const std::string& rule) {
-  if (!holds) throw Error(ErrorCode::kInvalidArgument, "registration options need " + rule);
-}
-
 /// The Gauss-Newton step of H xi = -g; nothing where H leaves a motion undetermined.
 std::optional<Tangent> solve(const NormalSystem& system) {
   if (!(system.H.diagonal().minCoeff() > 0)) return std::nullopt;
@@ -207,38 +203,6 @@ RegistrationTarget::RegistrationTarget(std::shared_ptr<const Cell> cell,
     hesse_planes_[indices[k] - first_] = {plane.nx, plane.ny, plane.nz,
                                           static_cast<float>(offset_m)};
   }
-}
-
-std::vector<RegistrationStage> default_registration_stages() {
-  constexpr std::size_t kCoarsePoints = 20'000;
-  return {{4, 2.0, RobustKernel::kNone, 0.05, kCoarsePoints},
-          {3, 1.0, RobustKernel::kNone, 0.05, kCoarsePoints},
-          {3, 0.5, RobustKernel::kNone, 0.05, kCoarsePoints},
-          {6, 0.5, RobustKernel::kGemanMcClure, 0.05, kCoarsePoints},
-          {30, 0.5, RobustKernel::kGemanMcClure, 0.05}};
-}
-
-void RegistrationOptions::validate() const {
-  for (const RegistrationStage& stage : stages) {
-    require(stage.max_iterations >= 1 && stage.max_iterations <= 1000,
-            "1 <= max_iterations <= 1000 in every stage");
-    require(stage.gate_m > 0 && std::isfinite(stage.gate_m), "gate_m > 0 in every stage");
-    require(stage.kernel_width_m > 0 && std::isfinite(stage.kernel_width_m),
-            "kernel_width_m > 0 in every stage");
-  }
-  require(convergence_translation_m > 0, "convergence_translation_m > 0");
-  require(convergence_rotation_rad > 0, "convergence_rotation_rad > 0");
-  require(point_step >= 1, "point_step >= 1");
-  require(reuse_share >= 0 && reuse_share <= 1, "0 <= reuse_share <= 1");
-  require(min_points_in_gate >= 6, "min_points_in_gate >= 6");
-  require(degeneracy_share >= 0 && degeneracy_share <= 1, "0 <= degeneracy_share <= 1");
-  require(systematic_translation_m >= 0 && std::isfinite(systematic_translation_m),
-          "systematic_translation_m >= 0");
-  require(systematic_rotation_deg >= 0 && systematic_rotation_deg <= 180,
-          "0 <= systematic_rotation_deg <= 180");
-  require((systematic_translation_m == 0) == (systematic_rotation_deg == 0),
-          "both systematic deviations or none");
-  require(threads >= 0, "threads >= 0");
 }
 
 RegistrationResult register_scan(const RegistrationTarget& target, const PointCloud& scan,

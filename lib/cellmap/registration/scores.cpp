@@ -3,20 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cellmap/core/error.hpp"
-
 namespace cellmap {
 namespace {
 
 double share(std::size_t part, std::size_t whole) {
   return whole == 0 ? 0.0 : static_cast<double>(part) / static_cast<double>(whole);
-}
-
-void require_in(double value, double min, double max, const char* name) {
-  if (value >= min && value <= max) return;
-  throw Error(ErrorCode::kInvalidArgument, std::string(name) + " must be within " +
-                                               std::to_string(min) + " and " + std::to_string(max) +
-                                               "; given is " + std::to_string(value));
 }
 
 double median_residual_m(std::span<const HitDistances> terms, std::size_t hits) {
@@ -77,14 +68,6 @@ RegistrationScores score_scan(const RegistrationTarget& target, const PointCloud
   MatchedTerm term({&target, point_step > 1 ? &thinned : &scan, false}, 1);
   const HitDistances hits = term.distances(T_cell_scan);
   return scores_of({&hits, 1});
-}
-
-void AcceptanceOptions::validate() const {
-  require_in(min_inlier_ratio_hit, 0, 1, "min_inlier_ratio_hit");
-  require_in(max_share_in_front, 0, 1, "max_share_in_front");
-  require_in(max_median_residual_m, 0, 1000, "max_median_residual_m");
-  require_in(min_hit_share, 0, 1, "min_hit_share");
-  require_in(min_inlier_ratio_all, 0, 1, "min_inlier_ratio_all");
 }
 
 bool is_acceptable(const RegistrationResult& result, const AcceptanceOptions& options) {

@@ -54,6 +54,8 @@ class RecordedDrive final : public ScanSource {
     next_ = index;
   }
 
+  std::span<const Pose> odometry() const override { return recording_.poses; }
+
   const Trajectory& ground_truth() const override { return recording_.truth; }
 
  private:

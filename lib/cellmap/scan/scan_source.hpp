@@ -41,6 +41,9 @@ class ScanSource {
   /// Makes `next` return scan `index` <= size().
   virtual void seek(std::size_t index) = 0;
 
+  /// T_odom_sensor of every scan, where it is known before any is read; else empty.
+  virtual std::span<const Pose> odometry() const { return {}; }
+
   /// Makes a `next` that waits on another thread, and every later one, throw Error{kCancelled}; the
   /// only function that may be called meanwhile. Sources that never wait for long ignore it.
   virtual void interrupt() {}

@@ -30,6 +30,9 @@ void migrate(SqlConnection& connection) {
   if (version == 0) {
     connection.execute("ALTER TABLE blob ALTER COLUMN frame SET STORAGE EXTERNAL");
   }
+  if (version < 7) {
+    connection.execute("ALTER TABLE job_part ALTER COLUMN made SET STORAGE EXTERNAL");
+  }
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "cellmap/store/sql_claims.hpp"
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/sql_parts.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/sql_writes.hpp"
 
@@ -81,6 +82,7 @@ std::optional<HeldJob> claim_one_job(SqlConnection& connection, const ClaimWish&
             " + ?, updated = ? WHERE id = ?",
         wish.worker, nanoseconds(wish.lease), now, id.value)
       .run();
+  remove_parts(connection, id);
   return read_held_job(connection, id);
 }
 
@@ -105,12 +107,14 @@ std::optional<JobHolder> extend_claim(SqlConnection& connection, const JobClaim&
 }
 
 void hand_back_claim(SqlConnection& connection, const JobClaim& claim) {
-  Query(connection,
-        std::string("UPDATE job SET worker = '', lease_ends = 0, state = 'queued' WHERE id = ? "
-                    "AND claim = ? AND ") +
-            kUnfinished,
-        claim.job.value, claim.number)
-      .run();
+  Query row(connection,
+            std::string("UPDATE job SET worker = '', lease_ends = 0, state = 'queued' WHERE id = ? "
+                        "AND claim = ? AND ") +
+                kUnfinished + " RETURNING 1",
+            claim.job.value, claim.number);
+  if (!row.next()) return;
+  row.run();
+  remove_parts(connection, claim.job);
 }
 
 JobRecord cancel_or_ask(SqlConnection& connection, JobId id, Stamp now) {
@@ -174,6 +178,7 @@ void void_all_claims(SqlConnection& connection) {
         std::string("UPDATE job SET worker = '', lease_ends = 0 WHERE worker <> '' AND ") +
             kUnfinished)
       .run();
+  Query(connection, "DELETE FROM job_part").run();
 }
 
 }  // namespace cellmap

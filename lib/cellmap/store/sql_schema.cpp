@@ -192,8 +192,24 @@ UPDATE job SET alone = 0 WHERE kind = 'ingest' AND request NOT LIKE '%"path"%';
 CREATE INDEX job_unfinished ON job (id) WHERE state IN ('queued', 'running');
 )sql";
 
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3,
-                                    kVersion4, kVersion5, kVersion6};
+// Version 7: parts of jobs that other workers make (store/parts.hpp). Without a foreign key: an
+// offer would wait for whoever writes for the job.
+constexpr const char* kVersion7 = R"sql(
+CREATE TABLE job_part (
+  job            INTEGER NOT NULL,
+  claim          INTEGER NOT NULL,            -- of the job, when the part was offered
+  first_sequence INTEGER NOT NULL,            -- of its CELLs
+  first_scan     INTEGER NOT NULL,
+  scan_count     INTEGER NOT NULL,
+  worker         TEXT    NOT NULL DEFAULT '', -- '': nobody has taken it
+  checksum       BLOB,                        -- SHA-256 of made
+  made           BLOB,                        -- a zstd frame; NULL: not yet
+  PRIMARY KEY (job, claim, first_sequence)
+);
+)sql";
+
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4,
+                                    kVersion5, kVersion6, kVersion7};
 
 }  // namespace
 

@@ -14,6 +14,7 @@
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/known_cells.hpp"
+#include "cellmap/store/parts.hpp"
 #include "cellmap/store/sql_pool.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/staging.hpp"
@@ -44,6 +45,7 @@ class SqlStore : public Store,
                  public Documents,
                  public Staging,
                  public Claims,
+                 public Parts,
                  public CurrentCells {
  public:
   explicit SqlStore(SqlEngine engine);
@@ -97,6 +99,16 @@ class SqlStore : public Store,
   JobRecord ask_to_cancel(JobId id) override;
   std::vector<HeldJob> unfinished_jobs(const std::optional<std::string>& map) const override;
   std::unique_ptr<Store> fenced(const JobClaim& claim) override;
+
+  // Of `Parts` (sql_store_parts.cpp).
+  void offer_parts(const std::vector<JobPart>& parts) override;
+  std::vector<JobPartState> offered_parts(const JobClaim& claim) const override;
+  bool retract_part(const JobPart& part) override;
+  std::optional<Bytes> collect_part(const JobPart& part) override;
+  std::vector<JobId> jobs_with_parts() const override;
+  std::optional<JobPart> take_part(JobId job, const std::string& worker) override;
+  bool deliver_part(const JobPart& part, const std::string& worker, const Bytes& made) override;
+  void give_back_part(const JobPart& part, const std::string& worker) override;
 
   /// Inside one transaction: for what works on the tables themselves (store/copy_map.hpp).
   void read_tables(const std::function<void(SqlConnection&)>& read) const;

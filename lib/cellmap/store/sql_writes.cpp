@@ -4,6 +4,7 @@
 
 #include "cellmap/store/row_codec.hpp"
 #include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_parts.hpp"
 #include "cellmap/store/sql_reads.hpp"
 
 namespace cellmap {
@@ -124,6 +125,7 @@ void replace_job(SqlConnection& connection, const JobRecord& job) {
         std::string(to_string(job.state)), job.scans_done, job.scans_total, job.cells_done,
         job.error_code, job.error_message, job.started, job.updated, job.id.value)
       .run();
+  if (is_final(job.state)) remove_parts(connection, job.id);
 }
 
 }  // namespace cellmap
