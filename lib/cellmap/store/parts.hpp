@@ -32,7 +32,8 @@ struct JobPartState {
 /// taken is nobody else's but the holder's again. All parts of a job go when its claim ends, in
 /// whichever way.
 ///
-/// Durability, concurrency and errors as `Store`; a part that is not there (any more) is no error.
+/// Concurrency and errors as `Store`; a part that is not there (any more) is no error. What is told
+/// here may be lost with the machine, so that nobody waits for its disk.
 class Parts {
  public:
   virtual ~Parts() = default;
