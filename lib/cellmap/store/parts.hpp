@@ -38,7 +38,8 @@ class Parts {
  public:
   virtual ~Parts() = default;
 
-  /// By the holder. Parts that are offered already are left alone.
+  /// By the holder. Parts that are offered already are left alone; where the claim is void, nothing
+  /// happens.
   virtual void offer_parts(const std::vector<JobPart>& parts) = 0;
   /// What is offered under this claim; by sequence.
   virtual std::vector<JobPartState> offered_parts(const JobClaim& claim) const = 0;
