@@ -19,7 +19,7 @@ def parts_made(workers):
 
 def run(options, folder):
     database, servers = Cluster().create(), []
-    scans = 80 if options.short else 400
+    scans = 240 if options.short else 400
     try:
         subprocess.run([options.cellmap, "simulate", "--route", "town", "--scans", str(scans), "--out", str(folder / "data" / "one"),
                         "--json"], check=True, stdout=subprocess.DEVNULL)
