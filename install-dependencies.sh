@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Installs the Debian 12 packages that CELLmap builds with, and says which. Does nothing where they are all there.
-# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers] [--with-postgresql] [--with-clang-format]
+# Usage: ./install-dependencies.sh [--without-pcl] [--with-proxies] [--with-fuzzers] [--with-postgresql] [--with-clang-format] [--with-clang-tidy]
 set -euo pipefail
 
 packages=(
@@ -22,6 +22,7 @@ packages=(
 # The engine of large fleets, for its tests; no database is made or started by installing it here.
 [[ " $* " != *" --with-postgresql "* ]] || packages+=(postgresql-15)
 [[ " $* " != *" --with-clang-format "* ]] || packages+=(clang-format)
+[[ " $* " != *" --with-clang-tidy "* ]] || packages+=(clang-tidy-14)
 
 missing=()
 for package in "${packages[@]}"; do

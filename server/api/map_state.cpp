@@ -1,8 +1,6 @@
 #include "server/api/map_state.hpp"
 
 #include <algorithm>
-#include <atomic>
-#include <ranges>
 
 #include "cellmap/store/read_cell.hpp"
 
@@ -106,15 +104,19 @@ std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) 
   };
   if (by_size(indices_[0], indices_[1])) std::swap(indices_[0], indices_[1]);
   auto share = [](const std::shared_ptr<Index>& index) {
-    return std::shared_ptr<const PlaceIndex>(index, &index->index);
+    index->readers.fetch_add(1, std::memory_order_relaxed);
+    return std::shared_ptr<const PlaceIndex>(&index->index, [index](const PlaceIndex*) {
+      index->readers.fetch_sub(1, std::memory_order_release);
+    });
   };
   const auto is_complete = [&](const Index& index) {
-    return std::ranges::includes(index.cells, std::views::keys(graph.nodes));
+    const auto id_of = [](const auto& node) { return node.first; };
+    return std::ranges::includes(index.cells, graph.nodes, {}, {}, id_of);
   };
   if (indices_[0] && is_complete(*indices_[0])) return share(indices_[0]);
   for (auto& index : indices_) {
-    if (index && index.use_count() > 1) continue;         // a reader is in it
-    std::atomic_thread_fence(std::memory_order_acquire);  // and the last one has left it
+    // What the last reader read, it has read before this index changes.
+    if (index && index->readers.load(std::memory_order_acquire) > 0) continue;
     if (!index) index = std::make_shared<Index>();
     bring_up_to_date(*index, graph);
     return share(index);

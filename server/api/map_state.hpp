@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <list>
 #include <map>
@@ -78,7 +79,8 @@ class MapState {
  private:
   struct Index {
     PlaceIndex index;
-    std::vector<CellId> cells;  ///< ascending
+    std::vector<CellId> cells;    ///< ascending
+    std::atomic<int> readers{0};  ///< those that place_index() handed it to and that still have it
   };
   void bring_up_to_date(Index& index, const PoseGraph& graph) const;
 

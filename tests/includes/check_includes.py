@@ -86,10 +86,13 @@ def included_room(header: str, own_room: str):
     return parts[0] if parts[0] in ("server", "client") else None
 
 
+def sources(root: Path) -> list:
+    return sorted(p for top in ("lib/cellmap", "server", "client") for p in (root / top).rglob("*")
+                  if p.suffix in (".hpp", ".cpp"))
+
+
 def violations(root: Path):
-    files = [p for top in ("lib/cellmap", "server", "client") for p in (root / top).rglob("*")
-             if p.suffix in (".hpp", ".cpp")]
-    for file in sorted(files):
+    for file in sources(root):
         path = file.relative_to(root)
         room = room_of(path)
         if room not in ROOMS:
@@ -135,7 +138,7 @@ def main() -> int:
     found = list(violations(Path(sys.argv[1])))
     for path, number, message in found:
         print(f"{path}:{number}: {message}")
-    print(f"{len(found)} wrong includes")
+    print(f"{len(sources(Path(sys.argv[1])))} files, {len(found)} wrong includes")
     return 1 if found else 0
 
 

@@ -75,7 +75,7 @@ struct CodedCellReader::Impl {
   CellDecoder decoder;
 };
 
-CodedCellReader::CodedCellReader(ClientOptions options) {
+CodedCellReader::CodedCellReader(const ClientOptions& options) {
   options.validate();
   impl_ = std::make_unique<Impl>(options);
 }

@@ -37,7 +37,7 @@ struct FetchedCodedCell {
 class CodedCellReader {
  public:
   /// Throws Error{kInvalidArgument} for a bad URL or option. Connects on first use.
-  explicit CodedCellReader(ClientOptions options);
+  explicit CodedCellReader(const ClientOptions& options);
   ~CodedCellReader();
   CodedCellReader(CodedCellReader&&) noexcept;
   CodedCellReader& operator=(CodedCellReader&&) noexcept;

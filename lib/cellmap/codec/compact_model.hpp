@@ -34,10 +34,10 @@ struct ScaleModel {
 
 /// Version 1 has the models of nominal steps for all.
 struct CompactModel {
-  using RangeModels = std::array<IntegerModel, 4 * kContextLevels>;
-  using SlopeModels = std::array<IntegerModel, 3 * kContextLevels>;
+  using RangeModels = std::array<IntegerModel, std::size_t{4} * kContextLevels>;
+  using SlopeModels = std::array<IntegerModel, std::size_t{3} * kContextLevels>;
   IndexModel index;
-  std::array<ScaleModel, 4 * kContextLevels> scale;
+  std::array<ScaleModel, std::size_t{4} * kContextLevels> scale;
   std::array<RangeModels, 3> range;  ///< by kind of steps: nominal, finer, coarser
   std::array<std::array<SlopeModels, 3>, 2> slopes;
 };

@@ -94,10 +94,10 @@ double median(std::vector<double> values) {
 std::optional<PointTarget> point_target(const DecodedMap& map, const ComparisonOptions& options) {
   if (!map.cells.empty()) return std::nullopt;
   if (!map.normals.empty()) return PointTarget(map.points, map.normals, options.threads);
-  PointCloud thin = voxel_means(map.points, options.thin_m);
+  const PointCloud thin = voxel_means(map.points, options.thin_m);
   // A cloud that is no denser stays as it was read.
   const bool is_denser = thin.size() < map.points.size() / 2;
-  return PointTarget(is_denser ? std::move(thin) : map.points, {}, options.threads);
+  return PointTarget(is_denser ? thin : map.points, {}, options.threads);
 }
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <iterator>
 #include <numbers>
-#include <ranges>
 
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/pose_search.hpp"
@@ -171,12 +170,13 @@ std::vector<Constraint> BackEnd::close_loops(CellId id, const PointCloud& points
 /// When they came, nobody knew what is near them. The last ones: where the islands have met.
 void BackEnd::close_loops_of(const std::set<CellId>& joined, const Neighbour& next,
                              PoseGraph& graph) const {
-  constexpr std::ptrdiff_t kMost = 50;
+  constexpr int kMost = 50;
   const TargetProvider targets = targets_with(next);
-  for (const CellId id : joined | std::views::reverse | std::views::take(kMost)) {
-    if (id == next.id) continue;
-    const FinishedCell cell = finished_without_scans(targets(id));
-    append(graph.constraints, close_loops(id, cell.points, targets, graph));
+  auto id = joined.rbegin();
+  for (int i = 0; i < kMost && id != joined.rend(); ++i, ++id) {
+    if (*id == next.id) continue;
+    const FinishedCell cell = finished_without_scans(targets(*id));
+    append(graph.constraints, close_loops(*id, cell.points, targets, graph));
   }
 }
 

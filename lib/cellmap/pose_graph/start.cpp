@@ -89,7 +89,7 @@ class BlockSystem {
 
   explicit BlockSystem(const std::vector<bool>& is_fixed) {
     for (const bool fixed : is_fixed) column_.push_back(fixed ? -1 : Size * free_++);
-    right_ = Eigen::MatrixXd::Zero(Size * free_, 3);
+    right_ = Eigen::MatrixXd::Zero(Eigen::Index{Size} * free_, 3);
   }
 
   /// Adds weight * |X_to - B * X_from - offset|^2, where X of a fixed node is the value given and B

@@ -24,11 +24,11 @@ Pose moving_pose(const RegistrationTerm& term, const Pose& T) {
 
 simd::Motion to_motion(const Pose& T) {
   simd::Motion motion;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) {
-      motion.R[static_cast<std::size_t>(3 * r + c)] = static_cast<float>(T.linear()(r, c));
+  for (std::size_t r = 0; r < 3; ++r) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      motion.R[3 * r + c] = static_cast<float>(T.linear()(r, c));
     }
-    motion.t[static_cast<std::size_t>(r)] = static_cast<float>(T.translation()[r]);
+    motion.t[r] = static_cast<float>(T.translation()[r]);
   }
   return motion;
 }
