@@ -104,6 +104,8 @@ bool SharedDrive::make_here(const Part& part, const HandOn& hand_on) {
       cellmap::make_part(source_, FrontEnd(request_.options, request_.session, lattice_),
                          whole(part.cells), hand_on, stop_);
   patience_ = Clock::now() - begun;
+  job_.log.debug("job {}: made CELLs from {} on here, {} ahead", job_.claim.job.value,
+                 part.offer.first_sequence, kept_.size());
   return is_wanted;
 }
 
@@ -165,6 +167,8 @@ std::optional<SharedDrive::Cells> SharedDrive::collect(const Part& part) {
   try {
     const auto bytes = job_.parts.collect_part(part.offer);
     if (!bytes) return std::nullopt;
+    job_.log.debug("job {}: collects CELLs from {} on", job_.claim.job.value,
+                   part.offer.first_sequence);
     auto made = decode_drive_part(zstd_decompress(*bytes, kMaxDrivePartBytes));
     if (made.size() != part.cells.size()) not_what_was_asked_for("the number of CELLs");
     Cells cells;

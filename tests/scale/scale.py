@@ -6,7 +6,7 @@ server-killed   three servers behind HAProxy, then nginx: one is killed, one dra
 failover        the primary is killed, its synchronous standby promoted; no acknowledged CELL is lost
 worker-killed   a worker is killed in mid-job: another one ends it, with the same bytes
 two-workers     two drives by two workers against one: faster, and the same bytes
-one-drive       one drive by two workers against one: faster, and the same bytes
+one-drive       one drive by two workers against one: the same bytes, and less to do for each
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost

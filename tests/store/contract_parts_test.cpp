@@ -106,6 +106,7 @@ TEST_P(PartsContract, PartsGoWithTheClaimOfTheirJob) {
   const HeldJob taken_over = *claim("other");
   EXPECT_TRUE(parts().offered_parts(claim_of(silent)).empty());
   offer(silent, 1);  // it does not know yet
+  EXPECT_TRUE(parts().offered_parts(claim_of(silent)).empty());
   EXPECT_EQ(taken(taken_over, "a"), std::nullopt);
   offer(taken_over, 1);
   EXPECT_EQ(parts().take_part(taken_over.record.id, "a")->claim.number, taken_over.holder.claim);

@@ -75,38 +75,32 @@ class LayerDecoder {
   RebuiltBatch rebuilt_;
 };
 
-std::vector<DecodedPlanes> decode_layers(CodingLattice& lattice, std::span<const LayerView> layers,
-                                         double bound_m, CompactVersion version) {
-  std::size_t planes = 0;
-  for (const LayerView& layer : layers) planes += layer.planes;
-  CompactState state(lattice, planes, bound_m, version);
-  std::vector<DecodedPlanes> result(layers.size());
-  for (std::size_t layer = 0; layer < layers.size(); ++layer) {
-    CompactModel& model = state.models[layer];
-    RangeDecoder coder(layers[layer].bytes);
-    code_index(coder, model.index, lattice, static_cast<int>(layer), state.index);
-    coder.check();
-    DecodedPlanes& decoded = result[layer];
-    decoded.indices = std::move(state.index.of_layer);
-    check_count(decoded.indices, layers[layer].planes);
-    decoded.planes.resize(decoded.indices.size());
-    LayerDecoder decoder(coder, state, model, decoded);
-    visit_batches(lattice, decoded.indices, [&](std::size_t first, const PatchBatch& batch) {
-      decoder.decode(first, batch);
-    });
-    coder.finish();
-  }
-  return result;
+void decode_layer(CompactState& state, std::size_t layer, const LayerView& view) {
+  CompactModel& model = state.models[layer];
+  RangeDecoder coder(view.bytes);
+  code_index(coder, model.index, state.lattice, static_cast<int>(layer), state.index);
+  coder.check();
+  DecodedPlanes& decoded = state.lattice.memory.layers[layer];
+  std::swap(decoded.indices, state.index.of_layer);
+  check_count(decoded.indices, view.planes);
+  decoded.planes.resize(decoded.indices.size());
+  LayerDecoder decoder(coder, state, model, decoded);
+  visit_batches(state.lattice, decoded.indices,
+                [&](std::size_t first, const PatchBatch& batch) { decoder.decode(first, batch); });
+  coder.finish();
 }
 
 }  // namespace
 
 DecodedPlanes decode_compact_planes(CodingLattice& lattice, std::span<const LayerView> layers,
                                     double bound_m, CompactVersion version) {
-  std::vector<DecodedPlanes> decoded = decode_layers(lattice, layers, bound_m, version);
-  DecodedPlanes result;
-  for (DecodedPlanes& layer : decoded) merge_layer(result, std::move(layer));
-  return result;
+  std::size_t planes = 0;
+  for (const LayerView& layer : layers) planes += layer.planes;
+  CompactState state(lattice, planes, bound_m, version);
+  for (std::size_t layer = 0; layer < layers.size(); ++layer) {
+    decode_layer(state, layer, layers[layer]);
+  }
+  return merged_layers(lattice, layers.size());
 }
 
 }  // namespace cellmap

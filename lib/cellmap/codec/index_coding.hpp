@@ -20,10 +20,12 @@ struct IndexModel {
 
 /// Which points of a lattice have a plane, as far as it is known.
 struct CodedIndex {
-  explicit CodedIndex(const CodingLattice& lattice) : seen(lattice.places) {}
+  explicit CodedIndex(CodingLattice& lattice) : seen(lattice.memory.seen) {
+    seen.assign(lattice.places, 0);
+  }
 
   std::vector<std::uint8_t> has_plane;  ///< by lattice index, 0 or 1; an encoder's alone
-  std::vector<std::uint8_t> seen;       ///< by place, of what is coded
+  std::vector<std::uint8_t>& seen;      ///< by place, of what is coded
   std::vector<std::uint32_t> of_layer;  ///< lattice indices of the layer coded last
   std::vector<std::uint8_t> was_any;    ///< whether the layer before has any, by block
 };

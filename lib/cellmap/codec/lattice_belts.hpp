@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "cellmap/codec/coding_memory.hpp"
 #include "cellmap/geometry/lattice.hpp"
 
 namespace cellmap {
@@ -89,7 +90,8 @@ class LatticeBelts {
 };
 
 /// The points of a lattice with what is known of their neighbours, and a place in one array for
-/// each point of each sphere, with room on both sides for neighbours that are not there.
+/// each point of each sphere, with room on both sides for neighbours that are not there. For one
+/// coder at a time, which uses its memory.
 struct CodingLattice {
   explicit CodingLattice(const LatticeSpec& spec);
 
@@ -98,6 +100,7 @@ struct CodingLattice {
   std::vector<LatticeBelts> belts;       ///< of each sphere
   std::vector<std::size_t> first_place;  ///< of point 0 of each sphere
   std::size_t places = 0;
+  CodingMemory memory;
 };
 
 }  // namespace cellmap

@@ -176,7 +176,7 @@ CodedLayer encode_layer(PackedState& state, int layer, std::span<const std::uint
   return coded;
 }
 
-DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view) {
+void decode_layer(PackedState& state, int layer, const LayerView& view) {
   PackedModel& model = state.models[static_cast<std::size_t>(layer)];
   RangeDecoder size_only(view.bytes);
   const std::size_t frame_size = size_only.bits(32);
@@ -189,8 +189,8 @@ DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view)
   coder.bits(32);
   code_index(coder, model.index, state.lattice, layer, state.index);
   coder.check();
-  DecodedPlanes decoded;
-  decoded.indices = std::move(state.index.of_layer);
+  DecodedPlanes& decoded = state.lattice.memory.layers[static_cast<std::size_t>(layer)];
+  std::swap(decoded.indices, state.index.of_layer);
   check_count(decoded.indices, view.planes);
   if (frame_size > 0) {
     const std::size_t most = sizeof(Plane) * std::max<std::size_t>(view.planes, 1);
@@ -208,7 +208,6 @@ DecodedPlanes decode_layer(PackedState& state, int layer, const LayerView& view)
     code_planes(coder, state, model, decoded.indices, decoded.planes);
   }
   coder.finish();
-  return decoded;
 }
 
 }  // namespace
@@ -236,11 +235,10 @@ DecodedPlanes decode_packed_planes(CodingLattice& lattice, std::span<const Layer
   std::size_t planes = 0;
   for (const LayerView& layer : layers) planes += layer.planes;
   PackedState state(lattice, planes);
-  DecodedPlanes result;
   for (std::size_t layer = 0; layer < layers.size(); ++layer) {
-    merge_layer(result, decode_layer(state, static_cast<int>(layer), layers[layer]));
+    decode_layer(state, static_cast<int>(layer), layers[layer]);
   }
-  return result;
+  return merged_layers(lattice, layers.size());
 }
 
 }  // namespace cellmap

@@ -1,23 +1,19 @@
 #include "cellmap/codec/plane_layers.hpp"
 
-#include <utility>
-
 namespace cellmap {
 
-void merge_layer(DecodedPlanes& decoded, DecodedPlanes layer) {
-  if (decoded.indices.empty()) {
-    decoded = std::move(layer);
-    return;
-  }
+DecodedPlanes merged_layers(CodingLattice& lattice, std::size_t layers) {
+  auto& [coarse, fine] = lattice.memory.layers;
+  if (layers == 1) return coarse;
   DecodedPlanes both;
-  const std::size_t size = decoded.indices.size() + layer.indices.size();
+  const std::size_t size = coarse.indices.size() + fine.indices.size();
   both.indices.resize(size);
   both.planes.resize(size);
   constexpr std::uint32_t kEnd = 0xffffffff;  // beyond every lattice
-  decoded.indices.push_back(kEnd);
-  layer.indices.push_back(kEnd);
-  const std::uint32_t *a = decoded.indices.data(), *b = layer.indices.data();
-  const Plane *plane_a = decoded.planes.data(), *plane_b = layer.planes.data();
+  coarse.indices.push_back(kEnd);
+  fine.indices.push_back(kEnd);
+  const std::uint32_t *a = coarse.indices.data(), *b = fine.indices.data();
+  const Plane *plane_a = coarse.planes.data(), *plane_b = fine.planes.data();
   for (std::size_t k = 0; k < size; ++k) {  // without branches: which is first cannot be foreseen
     const bool is_a = *a < *b;
     both.indices[k] = is_a ? *a : *b;
@@ -27,7 +23,7 @@ void merge_layer(DecodedPlanes& decoded, DecodedPlanes layer) {
     b += !is_a;
     plane_b += !is_a;
   }
-  decoded = std::move(both);
+  return both;
 }
 
 }  // namespace cellmap

@@ -25,12 +25,6 @@ struct LayerView {
   std::size_t planes = 0;
 };
 
-/// Ascending lattice indices and their planes.
-struct DecodedPlanes {
-  std::vector<std::uint32_t> indices;
-  std::vector<Plane> planes;
-};
-
 /// Calls `use(k, sphere, point of it)` for each of the lattice points, which ascend.
 template <typename Use>
 void visit_points(const CodingLattice& lattice, std::span<const std::uint32_t> indices,
@@ -42,7 +36,7 @@ void visit_points(const CodingLattice& lattice, std::span<const std::uint32_t> i
   }
 }
 
-/// Adds a layer to what is decoded, so that lattice indices ascend.
-void merge_layer(DecodedPlanes& decoded, DecodedPlanes layer);
+/// The first `layers` of the lattice's memory as one, so that lattice indices ascend.
+DecodedPlanes merged_layers(CodingLattice& lattice, std::size_t layers);
 
 }  // namespace cellmap

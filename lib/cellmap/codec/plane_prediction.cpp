@@ -6,9 +6,14 @@
 namespace cellmap {
 
 KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes, PredictionRule rule)
-    : lattice_(lattice), slots_(lattice.places), planes_(1), rule_(rule) {
-  if (planes > UINT16_MAX) high_slots_.resize(lattice.places);
-  planes_.reserve(planes + 1);
+    : lattice_(lattice),
+      memory_(lattice.memory),
+      has_high_slots_(planes > UINT16_MAX),
+      rule_(rule) {
+  memory_.slots.assign(lattice.places, 0);
+  if (has_high_slots_) memory_.high_slots.assign(lattice.places, 0);
+  memory_.known.reserve(planes + 1);
+  memory_.known.assign(1, {});
 }
 
 const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
@@ -18,16 +23,16 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
     // The first that are known; the others stay slot 0, a plane that counts nowhere.
     std::array<std::uint32_t, LatticeBelts::kNeighbours + 1> slots{};
     std::size_t known = 0;
-    const std::uint16_t* const here = slots_.data() + place(batch, k);
+    const std::uint16_t* const here = memory_.slots.data() + place(batch, k);
     const std::uint8_t* const high =
-        high_slots_.empty() ? nullptr : high_slots_.data() + place(batch, k);
+        has_high_slots_ ? memory_.high_slots.data() + place(batch, k) : nullptr;
     for (const std::int32_t offset : belts.offsets_at(batch.points[k])) {
       slots[known] = here[offset];
       if (high) slots[known] |= std::uint32_t{high[offset]} << 16;
       known += slots[known] != 0;
     }
     for (std::size_t n = 0; n < kUsed; ++n) {
-      const auto& [m, u] = planes_[slots[n]];
+      const auto& [m, u] = memory_.known[slots[n]];
       around_.m[n][0][k] = m.x;
       around_.m[n][1][k] = m.y;
       around_.m[n][2][k] = m.z;
@@ -45,7 +50,7 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
 
 void KnownPlanes::guess(const PatchBatch& batch, std::size_t k) {
   // The last plane's range, seen head on.
-  const InversePlane& before = planes_.back().m;
+  const InversePlane& before = memory_.known.back().m;
   const double last = std::abs(before.x) + std::abs(before.y);
   const double w = std::clamp(last, kMaxInverseRange / 512, kMaxInverseRange - 1);
   predictions_.w[k] = w;

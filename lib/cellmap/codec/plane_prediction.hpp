@@ -23,11 +23,6 @@ namespace cellmap {
 constexpr double kInverseRangeUnit = 0x1p28;  ///< unit of m: 2^-28 per metre
 constexpr double kMaxInverseRange = 0x1p30;   ///< of each coordinate: 4 per m
 
-/// m in the CELL's frame, whole numbers in units of 2^-28 per metre.
-struct InversePlane {
-  double x = 0, y = 0, z = 0;
-};
-
 /// Patches that are coded one after another and of which none is another's neighbour. So all of
 /// them are predicted before the first is coded, side by side.
 struct PatchBatch {
@@ -75,7 +70,7 @@ enum class PredictionRule {
 /// The planes of a CELL that are already known, by place in the lattice.
 class KnownPlanes {
  public:
-  /// `lattice` must outlive it.
+  /// `lattice` must outlive it, and another one of it makes it void.
   KnownPlanes(CodingLattice& lattice, std::size_t planes,
               PredictionRule rule = PredictionRule::kMean);
 
@@ -89,30 +84,23 @@ class KnownPlanes {
 
   /// Makes patch k of the batch a neighbour of later ones.
   void add(const PatchBatch& batch, std::size_t k, const InversePlane& m) {
-    const auto slot = static_cast<std::uint32_t>(planes_.size());
-    slots_[place(batch, k)] = static_cast<std::uint16_t>(slot);
-    if (!high_slots_.empty()) {
-      high_slots_[place(batch, k)] = static_cast<std::uint8_t>(slot >> 16);
+    const auto slot = static_cast<std::uint32_t>(memory_.known.size());
+    memory_.slots[place(batch, k)] = static_cast<std::uint16_t>(slot);
+    if (has_high_slots_) {
+      memory_.high_slots[place(batch, k)] = static_cast<std::uint8_t>(slot >> 16);
     }
-    planes_.push_back({m, {batch.frames.u[0][k], batch.frames.u[1][k], batch.frames.u[2][k]}});
+    memory_.known.push_back(
+        {m, {batch.frames.u[0][k], batch.frames.u[1][k], batch.frames.u[2][k]}});
   }
 
  private:
-  struct Known {
-    InversePlane m;
-    std::array<double, 3> u{};  ///< direction of its patch
-  };
-
   std::size_t place(const PatchBatch& batch, std::size_t k) const {
     return lattice_.first_place[batch.sphere] + batch.points[k];
   }
 
   CodingLattice& lattice_;
-  // By place: position in planes_, 0: none. Two bytes, because fresh memory is what decoding waits
-  // for; a third one where there are so many planes.
-  std::vector<std::uint16_t> slots_;
-  std::vector<std::uint8_t> high_slots_;
-  std::vector<Known> planes_;
+  CodingMemory& memory_;
+  bool has_high_slots_;
   PredictionRule rule_;
   simd::PatchNeighbours around_;
   simd::PatchPredictions predictions_;

@@ -32,12 +32,14 @@ struct JobPartState {
 /// taken is nobody else's but the holder's again. All parts of a job go when its claim ends, in
 /// whichever way.
 ///
-/// Durability, concurrency and errors as `Store`; a part that is not there (any more) is no error.
+/// Concurrency and errors as `Store`; a part that is not there (any more) is no error. What is told
+/// here may be lost with the machine, so that nobody waits for its disk.
 class Parts {
  public:
   virtual ~Parts() = default;
 
-  /// By the holder. Parts that are offered already are left alone.
+  /// By the holder. Parts that are offered already are left alone; where the claim is void, nothing
+  /// happens.
   virtual void offer_parts(const std::vector<JobPart>& parts) = 0;
   /// What is offered under this claim; by sequence.
   virtual std::vector<JobPartState> offered_parts(const JobClaim& claim) const = 0;

@@ -342,6 +342,11 @@ void PostgresConnection::begin_row_write() {
   execute("SET LOCAL idle_in_transaction_session_timeout = '10s'");
 }
 
+void PostgresConnection::begin_passing_write() {
+  begin_row_write();
+  execute("SET LOCAL synchronous_commit = off");
+}
+
 bool PostgresConnection::in_transaction() const {
   if (is_lost_) return false;
   const PGTransactionStatusType status = PQtransactionStatus(connection_.get());

@@ -36,6 +36,7 @@ class PostgresConnection final : public SqlConnection {
   void begin_read() override;
   void begin_write() override;
   void begin_row_write() override;
+  void begin_passing_write() override;
   bool in_transaction() const override;
 
   std::string lock_rows() const override { return " FOR UPDATE"; }

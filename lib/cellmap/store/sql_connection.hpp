@@ -61,6 +61,9 @@ class SqlConnection {
   /// Begins a transaction that writes rows which it locks one by one, and nothing else: where the
   /// engine can, it waits for no other transaction but one that holds such a row.
   virtual void begin_row_write() { begin_write(); }
+  /// The same for rows that may be lost with the machine: where the engine can, nothing waits for
+  /// the disk or for a standby.
+  virtual void begin_passing_write() { begin_row_write(); }
   /// False once a transaction was committed or rolled back, also by the engine after an error.
   virtual bool in_transaction() const = 0;
 

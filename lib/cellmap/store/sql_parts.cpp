@@ -23,10 +23,11 @@ Bytes bytes_of(const Query& row, int column) {
 void insert_parts(SqlConnection& connection, const std::vector<JobPart>& parts) {
   for (const JobPart& part : parts) {
     Query(connection,
-          "INSERT INTO job_part (job, claim, first_sequence, first_scan, scan_count) VALUES "
-          "(?, ?, ?, ?, ?) ON CONFLICT (job, claim, first_sequence) DO NOTHING",
-          part.claim.job.value, part.claim.number, part.first_sequence, part.first_scan,
-          part.scan_count)
+          "INSERT INTO job_part (job, claim, first_sequence, first_scan, scan_count) SELECT id, "
+          "claim, ?, ?, ? FROM job WHERE id = ? AND claim = ? AND worker <> '' "
+          "ON CONFLICT (job, claim, first_sequence) DO NOTHING",
+          part.first_sequence, part.first_scan, part.scan_count, part.claim.job.value,
+          part.claim.number)
         .run();
   }
 }

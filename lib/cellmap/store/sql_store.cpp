@@ -328,12 +328,13 @@ void SqlStore::change_tables(const std::function<void(SqlConnection&)>& change) 
   database_->owner.committed().notify();
 }
 
-void SqlStore::change_rows(const std::function<void(SqlConnection&)>& change) const {
+void SqlStore::change_rows(const std::function<void(SqlConnection&)>& change,
+                           void (SqlConnection::*begin)()) const {
   if (!database_->claimer) return change_tables(change);
   const std::lock_guard lock(database_->claiming);
   SqlConnection& connection = *database_->claimer;
   try {
-    connection.begin_row_write();
+    (connection.*begin)();
     change(connection);
     connection.execute("COMMIT");
   } catch (...) {

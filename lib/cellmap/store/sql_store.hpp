@@ -141,7 +141,15 @@ class SqlStore : public Store,
   std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
   SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);
   /// As `change_tables`, for changes of rows that they lock themselves.
-  void change_rows(const std::function<void(SqlConnection&)>& change) const;
+  void change_rows(const std::function<void(SqlConnection&)>& change) const {
+    change_rows(change, &SqlConnection::begin_row_write);
+  }
+  /// The same for what is of no use after a crash.
+  void change_passing_rows(const std::function<void(SqlConnection&)>& change) const {
+    change_rows(change, &SqlConnection::begin_passing_write);
+  }
+  void change_rows(const std::function<void(SqlConnection&)>& change,
+                   void (SqlConnection::*begin)()) const;
 
   std::shared_ptr<Database> database_;
   const std::optional<JobClaim> fence_;

@@ -24,7 +24,7 @@ Parts& parts_of(Store& store) {
 
 void SqlStore::offer_parts(const std::vector<JobPart>& parts) {
   if (parts.empty()) return;
-  change_rows([&](SqlConnection& c) { insert_parts(c, parts); });
+  change_passing_rows([&](SqlConnection& c) { insert_parts(c, parts); });
 }
 
 std::vector<JobPartState> SqlStore::offered_parts(const JobClaim& claim) const {
@@ -33,13 +33,13 @@ std::vector<JobPartState> SqlStore::offered_parts(const JobClaim& claim) const {
 
 bool SqlStore::retract_part(const JobPart& part) {
   bool retracted = false;
-  change_rows([&](SqlConnection& c) { retracted = retract_one_part(c, part); });
+  change_passing_rows([&](SqlConnection& c) { retracted = retract_one_part(c, part); });
   return retracted;
 }
 
 std::optional<Bytes> SqlStore::collect_part(const JobPart& part) {
   std::optional<MadePart> made;
-  change_rows([&](SqlConnection& c) { made = remove_part(c, part); });
+  change_passing_rows([&](SqlConnection& c) { made = remove_part(c, part); });
   if (!made) return std::nullopt;
   if (checksum_of_part(made->bytes) != made->checksum) {
     throw Error(ErrorCode::kCorruptData, "a part of job " + std::to_string(part.claim.job.value) +
@@ -55,7 +55,7 @@ std::vector<JobId> SqlStore::jobs_with_parts() const {
 std::optional<JobPart> SqlStore::take_part(JobId job, const std::string& worker) {
   validate(ClaimWish{.worker = worker});
   std::optional<JobPart> part;
-  change_rows([&](SqlConnection& c) { part = take_one_part(c, job, worker); });
+  change_passing_rows([&](SqlConnection& c) { part = take_one_part(c, job, worker); });
   return part;
 }
 
@@ -67,12 +67,13 @@ bool SqlStore::deliver_part(const JobPart& part, const std::string& worker, cons
   }
   bool delivered = false;
   const MadePart part_made{made, checksum_of_part(made)};
-  change_rows([&](SqlConnection& c) { delivered = write_made_part(c, part, worker, part_made); });
+  change_passing_rows(
+      [&](SqlConnection& c) { delivered = write_made_part(c, part, worker, part_made); });
   return delivered;
 }
 
 void SqlStore::give_back_part(const JobPart& part, const std::string& worker) {
-  change_rows([&](SqlConnection& c) { free_part(c, part, worker); });
+  change_passing_rows([&](SqlConnection& c) { free_part(c, part, worker); });
 }
 
 }  // namespace cellmap
