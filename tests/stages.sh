@@ -10,7 +10,7 @@ mkdir -p "$logs"
 
 # Of the rooms that read what comes from outside, and of those that share data between threads: all stages together may take
 # 25 minutes on two processors. `./tests/run.sh asan` and `tsan` run every room.
-asan_rooms=(rosbag store auth server)
+asan_rooms=(core scan codec archive rosbag store auth server fuzz)
 tsan_rooms=(store auth)
 
 # rooms_of PRESET ROOM...: builds and runs the tests of these rooms.
@@ -18,7 +18,9 @@ rooms_of() {
   local preset=$1 room targets=()
   shift
   cmake --preset "$preset" || return 1
-  for room in "$@"; do targets+=("${room}_test"); done
+  for room in "$@"; do
+    if [[ $room == fuzz ]]; then targets+=(fuzz_replay); else targets+=("${room}_test"); fi
+  done
   cmake --build --preset "$preset" --target "${targets[@]}" || return 1
   ctest --preset "$preset" -L "^($(IFS='|'; echo "$*"))\$" --no-tests=error
 }
