@@ -11,6 +11,7 @@
 #include "server/api/api.hpp"
 #include "server/api/coded_cells.hpp"
 #include "server/api/conditions.hpp"
+#include "server/api/media_types.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 
@@ -18,8 +19,6 @@
 
 namespace cellmap::server {
 namespace {
-
-constexpr const char* kCellType = "application/vnd.cellmap.cell";
 
 CellQuery read_query(const Call& call) {
   CellQuery query;

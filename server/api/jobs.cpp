@@ -6,6 +6,7 @@
 #include "server/api/api.hpp"
 #include "server/api/follower.hpp"
 #include "server/api/job_document.hpp"
+#include "server/api/media_types.hpp"
 #include "server/api/problem.hpp"
 
 // /v1/maps/{map}/jobs, /v1/maps/{map}/merge, /v1/maps/{map}/convert and /v1/jobs/{job} with events,
@@ -14,7 +15,6 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kScanType = "application/vnd.cellmap.scan";
 constexpr std::size_t kMaxJobBody = 64u << 10;
 constexpr std::size_t kMaxScanBody = 33u << 20;
 

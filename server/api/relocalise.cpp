@@ -9,6 +9,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/api.hpp"
+#include "server/api/media_types.hpp"
 #include "server/api/text.hpp"
 #include "server/api/turn.hpp"
 
@@ -17,9 +18,6 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kQueryScanType = "application/vnd.cellmap.scan";
-constexpr const char* kQueryScansType = "application/vnd.cellmap.scans";
-constexpr const char* kQueryCellType = "application/vnd.cellmap.cell";
 constexpr std::size_t kMaxQueryBody = 33u << 20;
 
 RelocalisationQuery read_cell(const std::string& body, const Lattice& lattice) {
@@ -50,13 +48,13 @@ RelocalisationQuery read_scans(const std::string& body) {
 }
 
 RelocalisationQuery read_query(const Call& call, const Lattice& lattice) {
-  const auto type = call.content_type(
-      {"application/octet-stream", kQueryScanType, kQueryScansType, kQueryCellType});
+  const auto type =
+      call.content_type({"application/octet-stream", kScanType, kScansType, kCellType});
   const std::string body = call.content(kMaxQueryBody);
-  if (type == kQueryCellType) return read_cell(body, lattice);
-  if (type == kQueryScansType) return read_scans(body);
+  if (type == kCellType) return read_cell(body, lattice);
+  if (type == kScansType) return read_scans(body);
   PointCloud points =
-      type == kQueryScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
+      type == kScanType ? decode_scan(as_bytes(body)).points : parse_kitti_bin(as_bytes(body));
   clean(points);
   return RelocalisationQuery::from_scan(std::move(points));
 }

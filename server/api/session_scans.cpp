@@ -6,6 +6,7 @@
 #include "cellmap/core/error.hpp"
 #include "server/api/api.hpp"
 #include "server/api/job_document.hpp"
+#include "server/api/media_types.hpp"
 #include "server/api/problem.hpp"
 #include "server/api/text.hpp"
 #include "server/jobs/ingest.hpp"
@@ -15,9 +16,6 @@
 
 namespace cellmap::server {
 namespace {
-
-constexpr const char* kSessionScanType = "application/vnd.cellmap.scan";
-constexpr const char* kScansType = "application/vnd.cellmap.scans";
 
 enum class State {
   kNew,        // nothing of the session is there
@@ -153,7 +151,7 @@ JobView make_upload(Services& services, const std::string& map, const std::strin
 }
 
 std::vector<PosedScan> scans_of(const Call& call) {
-  const std::string type = call.content_type({kSessionScanType, kScansType});
+  const std::string type = call.content_type({kScanType, kScansType});
   const std::string body = call.content(kMaxScanBatchBytes);
   if (type == kScansType) return decode_scan_batch(as_bytes(body));
   std::vector<PosedScan> scans;

@@ -6,6 +6,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/all_cells.hpp"
 #include "server/api/api.hpp"
+#include "server/api/media_types.hpp"
 #include "server/api/text.hpp"
 #include "server/jobs/ingest.hpp"
 #include "server/jobs/redo.hpp"
@@ -15,7 +16,6 @@
 namespace cellmap::server {
 namespace {
 
-constexpr const char* kUploadedCellType = "application/vnd.cellmap.cell";
 constexpr std::size_t kMaxSessionBody = 64u << 10;
 constexpr std::size_t kMaxHashes = 10'000;
 constexpr std::size_t kMaxHashesBody = 1u << 20;
@@ -190,7 +190,7 @@ Response put_next_cell(Services& services, const Call& call,
 
 Response put_session_cell(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
-  call.content_type({kUploadedCellType});
+  call.content_type({kCellType});
   const std::string body = call.content(kMaxCellBytes);
   const Bytes bytes(as_bytes(body).begin(), as_bytes(body).end());
   const CellView view = view_cell(bytes);

@@ -1,10 +1,10 @@
 #include "server/jobs/part_helper.hpp"
 
 #include <condition_variable>
+#include <exception>
 #include <mutex>
 #include <utility>
 
-#include "cellmap/core/error.hpp"
 #include "cellmap/pipeline/make_cells.hpp"
 #include "server/jobs/ingest_request.hpp"
 #include "server/jobs/shared_drive.hpp"
@@ -99,7 +99,7 @@ void PartHelper::make(const JobPart& part, const std::stop_token& stop) {
     metrics_.part_made();
     log_->debug("job {}: made CELLs from {} on, {} bytes", part.claim.job.value,
                 part.first_sequence, made.size());
-  } catch (const Error& error) {
+  } catch (const std::exception& error) {
     parts_.give_back_part(part, options_.worker);
     if (stop.stop_requested()) return;
     drive_.reset();

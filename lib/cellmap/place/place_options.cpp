@@ -14,6 +14,14 @@ void check_option(bool holds, const char* rule) {
   if (!holds) throw Error(ErrorCode::kInvalidArgument, rule);
 }
 
+PoseSearchOptions search_of(const auto& options) {
+  PoseSearchOptions search;
+  search.search_points = options.search_points;
+  search.refine_points = options.refine_points;
+  search.registration = options.registration;
+  return search;
+}
+
 }  // namespace
 
 AcceptanceOptions searched_place_acceptance() {
@@ -83,13 +91,7 @@ void LoopOptions::validate() const {
   search().validate();
 }
 
-PoseSearchOptions LoopOptions::search() const {
-  PoseSearchOptions options;
-  options.search_points = search_points;
-  options.refine_points = refine_points;
-  options.registration = registration;
-  return options;
-}
+PoseSearchOptions LoopOptions::search() const { return search_of(*this); }
 
 void RelocaliseOptions::validate() const {
   check_option(candidates >= 1 && candidates <= 1000, "relocalise needs 1 <= candidates <= 1000");
@@ -106,12 +108,6 @@ void RelocaliseOptions::validate() const {
   search().validate();
 }
 
-PoseSearchOptions RelocaliseOptions::search() const {
-  PoseSearchOptions options;
-  options.search_points = search_points;
-  options.refine_points = refine_points;
-  options.registration = registration;
-  return options;
-}
+PoseSearchOptions RelocaliseOptions::search() const { return search_of(*this); }
 
 }  // namespace cellmap
