@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <numbers>
-#include <string>
 
 #include "cellmap/cell/cell.hpp"
-#include "cellmap/core/error.hpp"
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/paths.hpp"
 
@@ -13,10 +11,6 @@ namespace cellmap {
 namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
-
-void require(bool holds, const char* rule) {
-  if (!holds) throw Error(ErrorCode::kInvalidArgument, std::string("a junction needs ") + rule);
-}
 
 /// The CELLs nearest to `query` along the constraints, nearest first.
 std::vector<std::pair<double, CellId>> nearest_along(const PoseGraph& graph, CellId query,
@@ -46,16 +40,6 @@ std::optional<LoopCandidate> nearest_in(const Frames& islands, CellId island,
 }
 
 }  // namespace
-
-void JunctionOptions::validate() const {
-  relocalise.validate();
-  confirm.validate();
-  require(confirmations <= neighbours, "confirmations <= neighbours");
-  require(neighbours <= 1000, "neighbours <= 1000");
-  require(max_distance_m > 0 && max_distance_m <= 1000, "0 < max_distance_m <= 1000");
-  require(max_difference_m > 0, "max_difference_m > 0");
-  require(max_difference_deg > 0, "max_difference_deg > 0");
-}
 
 std::optional<Junction> find_junction(const PoseGraph& graph, CellId query,
                                       const PointCloud& query_scan, const PlaceProvider& places,
