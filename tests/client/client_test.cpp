@@ -270,7 +270,7 @@ class NumberedSource : public ScanSource {
 struct UploadServer {
   std::uint64_t wanted = 3, room = 64;
   std::optional<std::uint64_t> jump_at_5_to;
-  int full = 0, broken = 0;
+  int full = 0, broken = 0, broken_starts = 0;
   bool complete = false, other_job_runs = false;
   JobState state = JobState::kRunning;
   std::vector<std::uint64_t> taken;
@@ -282,6 +282,10 @@ struct UploadServer {
     }
     if (request.path == "/v1/maps/m/jobs" && request.method == "GET") {
       return answer_json(response, R"({"jobs":[)" + json_of(a_job(state, wanted)) + "]}");
+    }
+    if (request.path == "/v1/maps/m/jobs" && broken_starts > 0) {
+      --broken_starts;
+      return answer_problem(response, 502, "io", "the gateway lost the server");
     }
     if (request.path == "/v1/maps/m/jobs" && other_job_runs) {
       return answer_problem(response, 409, "conflict", "session s is being ingested");
@@ -414,6 +418,28 @@ TEST(Upload, JoinsTheSessionsUnfinishedJob) {
   NumberedSource source(5);
   upload_drive(client, "m", session_s(), source);
   EXPECT_EQ(upload.taken, (std::vector<std::uint64_t>{3, 4}));
+}
+
+TEST(Upload, AServerThatIsLostAtTheStartIsWaitedFor) {
+  UploadServer upload;
+  upload.broken_starts = 7;  // more than the client's own retries
+  Client client(options_for(upload.server));
+  NumberedSource source(5);
+  upload_drive(client, "m", session_s(), source);
+  EXPECT_EQ(upload.taken, (std::vector<std::uint64_t>{3, 4}));
+}
+
+TEST(Upload, AnAddressWhereNobodyIsIsToldAtOnce) {
+  ClientOptions options;
+  options.url = "http://127.0.0.1:1";
+  options.retry.sleep = [](milliseconds) {};
+  Client client(options);
+  NumberedSource source(5);
+  UploadOptions patient;
+  patient.lost_patience = std::chrono::hours(1);
+  test::expect_error(
+      ErrorCode::kUnavailable, [&] { upload_drive(client, "m", session_s(), source, patient); },
+      "nothing accepts connections");
 }
 
 TEST(Upload, AJobThatIsOverTakesNothing) {

@@ -17,15 +17,20 @@ TEST_P(StoreContract, TheVersionOfAMapIsItsCreationAndRevision) {
       ErrorCode::kNotFound, [&] { store_->version("village"); }, "village");
 }
 
-TEST_P(StoreContract, WhoWaitsForAChangeSeesItWhenTheWaitIsOver) {
+/// An engine that is asked for the changes of other servers may wake twice for one.
+TEST_P(StoreContract, WhoWaitsForAChangeIsWokenOnceItCanBeSeen) {
   store_->create_map("town", {});
   CommitSignal& committed = store_->committed();
   for (Revision revision = 1; revision <= 20; ++revision) {
-    const auto seen = committed.count();
+    auto seen = committed.count();
     ASSERT_EQ(store_->version("town").revision, revision - 1);
     std::thread writer(
         [&] { store_->commit("town", adding({make_cell(static_cast<std::uint32_t>(revision))})); });
-    EXPECT_NE(committed.wait(seen, kLong), seen);
+    while (store_->version("town").revision < revision) {
+      const auto before = seen;
+      seen = committed.wait(before, kLong);
+      if (seen == before) break;
+    }
     EXPECT_EQ(store_->version("town").revision, revision);
     writer.join();
   }

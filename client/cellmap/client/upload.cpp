@@ -52,23 +52,6 @@ class Patience {
   Clock::time_point since_;
 };
 
-/// Waits until the job says which scan it wants (it may be queued behind another).
-Job wait_until_it_runs(Client& client, Job job, const UploadOptions& options,
-                       const std::stop_token& stop) {
-  Patience patience(options.patience);
-  while (!job.next_scan && !is_final(job.state) && !stop.stop_requested()) {
-    if (patience.over()) {
-      throw Error(ErrorCode::kUnavailable,
-                  "job " + std::to_string(job.id.value) + " is still " +
-                      std::string(to_string(job.state)) +
-                      " and expects no scans; see 'cellmap jobs list' for what it waits for");
-    }
-    std::this_thread::sleep_for(options.poll);
-    job = client.job(job.id);
-  }
-  return job;
-}
-
 /// Asks again while the server cannot be reached.
 template <typename Call>
 std::invoke_result_t<Call> while_lost(const UploadOptions& options, const std::stop_token& stop,
@@ -82,6 +65,35 @@ std::invoke_result_t<Call> while_lost(const UploadOptions& options, const std::s
     }
     std::this_thread::sleep_for(options.poll);
   }
+}
+
+/// Where nobody is reached at first, that is told at once: the address is wrong more often than the
+/// server restarts. Once it was reached it is waited for.
+Job start_patiently(Client& client, const std::string& map, const IngestRequest& request,
+                    const UploadOptions& options, const std::stop_token& stop) {
+  try {
+    return start_or_join(client, map, request);
+  } catch (const Error& error) {
+    if (!is_io(error.code())) throw;
+  }
+  return while_lost(options, stop, [&] { return start_or_join(client, map, request); });
+}
+
+/// Waits until the job says which scan it wants (it may be queued behind another).
+Job wait_until_it_runs(Client& client, Job job, const UploadOptions& options,
+                       const std::stop_token& stop) {
+  Patience patience(options.patience);
+  while (!job.next_scan && !is_final(job.state) && !stop.stop_requested()) {
+    if (patience.over()) {
+      throw Error(ErrorCode::kUnavailable,
+                  "job " + std::to_string(job.id.value) + " is still " +
+                      std::string(to_string(job.state)) +
+                      " and expects no scans; see 'cellmap jobs list' for what it waits for");
+    }
+    std::this_thread::sleep_for(options.poll);
+    job = while_lost(options, stop, [&] { return client.job(job.id); });
+  }
+  return job;
 }
 
 /// Hands a drive over, several scans a request, and goes back where the server asks for it.
@@ -249,7 +261,8 @@ Job upload_drive(Client& client, const std::string& map, IngestRequest request, 
   options.validate();
   request.path.clear();
   request.scans_total = source.size();
-  const Job job = wait_until_it_runs(client, start_or_join(client, map, request), options, stop);
+  const Job job = wait_until_it_runs(client, start_patiently(client, map, request, options, stop),
+                                     options, stop);
   throw_if_failed(job);
   if (is_final(job.state) || stop.stop_requested()) return job;
   return Sender(client, map, request.session, source, options, on_progress, stop).run(job);

@@ -15,7 +15,7 @@ namespace cellmap {
 struct UploadOptions {
   /// How long a full queue, or a job that does not begin, is waited for while nothing moves.
   std::chrono::milliseconds patience{600'000};
-  /// How long a server that cannot be reached any more is tried again beyond the client's retries.
+  /// How long a server that was reached and is lost is tried again beyond the client's retries.
   std::chrono::milliseconds lost_patience{30'000};
   std::chrono::milliseconds poll{200};  ///< between looks at a job that has not begun
   /// 1 to `kMaxBatchScans`. More cost memory, and are taken in part where the server's queue is
