@@ -32,9 +32,17 @@ tidy() { cmake --preset release >/dev/null && cmake --build --preset release --t
 asan() { rooms_of asan "${asan_rooms[@]}"; }
 tsan() { rooms_of tsan "${tsan_rooms[@]}"; }
 
+# failures LOG: the tests that failed and what they printed; of other stages the last lines.
+failures() {
+  awk '/\*\*\*(Failed|Timeout|Exception|Not Run)/ {printing = 1; print; next}
+       /^ *(Start +[0-9]+:|[0-9]+\/[0-9]+ Test )/ {printing = 0}
+       printing || /^(FAILED: |.*error: )/ {print}' "$1" | grep . || tail -20 "$1"
+}
+
 stages=("$@")
 [[ $# -gt 0 ]] || stages=(format includes release asan tsan)
 lines=()
+failed_logs=()
 failed=0
 for stage in "${stages[@]}"; do
   [[ " format includes release tidy asan tsan " == *" $stage "* ]] || { echo "No stage is called '$stage'." >&2; exit 2; }
@@ -50,6 +58,12 @@ for stage in "${stages[@]}"; do
   count=$(grep -oE 'out of [0-9]+|^[0-9]+ (files|groups)' "$logs/$stage.log" | tail -1 | sed -E 's/out of ([0-9]+)/\1 tests/')
   lines+=("$stage: $result, ${count:-0 tests}, $((SECONDS - begin)) s")
   echo "${lines[-1]}"
+  [[ $result != FAILED ]] || failed_logs+=("$logs/$stage.log")
+done
+# Once more at the end, which is what is seen first of a long log.
+for log in "${failed_logs[@]}"; do
+  echo "=== failed, of $log"
+  failures "$log" | cut -c1-300 | tail -100
 done
 printf '%s\n' "=== all stages, $SECONDS s" "${lines[@]}"
 exit "$failed"
