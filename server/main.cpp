@@ -8,6 +8,7 @@
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/open_store.hpp"
+#include "cellmap/store/store_place.hpp"
 #include "server/api/api.hpp"
 #include "server/http/client_address.hpp"
 #include "server/http_server.hpp"

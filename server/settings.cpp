@@ -5,7 +5,7 @@
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/store/open_store.hpp"
+#include "cellmap/store/store_place.hpp"
 #include "server/http/client_address.hpp"
 #include "server/http/listener.hpp"
 

@@ -7,6 +7,7 @@
 #include "cellmap/pose_graph/edit.hpp"
 #include "cellmap/store/open_store.hpp"
 #include "cellmap/store/read_cell.hpp"
+#include "cellmap/store/store_place.hpp"
 #include "client/cli/archive_reader.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"

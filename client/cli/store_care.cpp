@@ -11,7 +11,7 @@
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/backup_store.hpp"
 #include "cellmap/store/check_store.hpp"
-#include "cellmap/store/postgres_store.hpp"
+#include "cellmap/store/store_place.hpp"
 #include "client/cli/client_options.hpp"
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"

@@ -11,6 +11,7 @@
 #include "cellmap/store/postgres_schema.hpp"
 #include "cellmap/store/sql_claims.hpp"
 #include "cellmap/store/sql_schema.hpp"
+#include "cellmap/store/store_place.hpp"
 #include "store/parts_contract.hpp"
 #include "store/postgres_engine.hpp"
 #include "support/expect_error.hpp"

@@ -42,10 +42,6 @@ void PostgresStoreOptions::validate() const {
   }
 }
 
-bool is_postgres_address(const std::string& place) {
-  return place.starts_with("postgresql://") || place.starts_with("postgres://");
-}
-
 std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                            const PostgresStoreOptions& options) {
   options.validate();

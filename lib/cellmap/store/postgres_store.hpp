@@ -15,10 +15,6 @@ struct PostgresStoreOptions {
   void validate() const;
 };
 
-/// Whether a place is the address of a PostgreSQL database ("postgresql://..." or
-/// "postgres://...").
-bool is_postgres_address(const std::string& place);
-
 /// Opens the store in a PostgreSQL database, which must be there (`createdb`), and makes or
 /// migrates its tables (schema: store/sql_schema.cpp), in the first schema of the connection's
 /// search_path. Tested on PostgreSQL 15.
