@@ -100,6 +100,9 @@ ContentHash hash_without(std::span<const std::byte> bytes, const schema::Hash256
   constexpr std::array<std::byte, sizeof(ContentHash)> kZeros{};
   const std::size_t a = std::min(offset_of(bytes, first), offset_of(bytes, second));
   const std::size_t b = std::max(offset_of(bytes, first), offset_of(bytes, second));
+  if (b - a < kZeros.size()) {
+    throw Error(ErrorCode::kCorruptData, "two hashes of a coded CELL overlap");
+  }
   return sha256_of_pieces({bytes.first(a), kZeros,
                            bytes.subspan(a + kZeros.size(), b - a - kZeros.size()), kZeros,
                            bytes.subspan(b + kZeros.size())});

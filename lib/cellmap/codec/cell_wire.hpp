@@ -33,7 +33,8 @@ ContentHash check_hash(std::span<const std::byte> bytes, const schema::Hash256& 
 /// Writes that hash where `place`, among the bytes, is.
 ContentHash write_hash(std::span<std::byte> bytes, const schema::Hash256& place);
 
-/// The same of bytes with two hashes, both of which are taken as zeros.
+/// The same of bytes with two hashes, both of which are taken as zeros. Error{kCorruptData} where
+/// they overlap.
 ContentHash hash_without(std::span<const std::byte> bytes, const schema::Hash256& first,
                          const schema::Hash256& second);
 

@@ -69,7 +69,7 @@ void code_index(Coder& shared_coder, IndexModel& model, CodingLattice& lattice, 
   index.of_layer.clear();
   for (std::size_t s = 0; s < lattice.spheres.size(); ++s) {
     const LatticeSphere& sphere = lattice.spheres[s];
-    const std::uint8_t* const values = index.has_plane.data() + sphere.first;
+    const std::uint8_t* const values = is_decoder ? nullptr : index.has_plane.data() + sphere.first;
     std::uint8_t* const seen = index.seen.data() + lattice.first_place[s];
     IndexContexts contexts(sphere, lattice.belts[s], seen);
     bool any = false;
