@@ -272,7 +272,7 @@ struct HttpServer::Impl : httplib::Server {
     identify(request, connection.address());
     const AnswerForm form{request.method == "HEAD", head.is_http_1_0, head.keep};
     connection.skip(head.size);
-    return send_answer(connection, api.handle(request), form);
+    return send_answer(connection, api.handle(request), form, files);
   }
 
   bool serve_with_body(Connection& connection, const RequestHead& head) {
@@ -294,6 +294,7 @@ struct HttpServer::Impl : httplib::Server {
 
   Api& api;
   std::shared_ptr<spdlog::logger> log;
+  BodyFiles files;
   std::string instance = std::to_string(Clock::now().time_since_epoch().count() % 1'000'000'007);
   std::atomic<std::uint64_t> request_count = 0;
   std::vector<std::string> urls;

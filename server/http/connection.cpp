@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sys/sendfile.h>
 #include <sys/socket.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -133,6 +134,26 @@ bool Connection::write(std::string_view data) {
   if (output_.size() + data.size() <= kJoinBytes) {
     output_.append(data);
     return !at_once_ || flush();
+  }
+  return send_with_output(data);
+}
+
+/// True where all that waited is gone, and the kernel expects more in the same segment.
+bool Connection::send_before_more() {
+  while (sent_ < output_.size()) {
+    const ssize_t taken = ::send(socket_, output_.data() + sent_, output_.size() - sent_,
+                                 MSG_MORE | MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (taken < 0) return false;  // what is wrong the next call finds out
+    sent_ += static_cast<std::size_t>(taken);
+  }
+  return true;
+}
+
+bool Connection::write_of_file(std::string_view data, int file, std::size_t offset) {
+  if (!data.empty() && send_before_more()) {
+    auto begin = static_cast<off_t>(offset);
+    const ssize_t taken = ::sendfile(socket_, file, &begin, data.size());
+    if (taken > 0) data.remove_prefix(static_cast<std::size_t>(taken));
   }
   return send_with_output(data);
 }

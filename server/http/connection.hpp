@@ -47,6 +47,9 @@ class Connection {
   std::size_t read(char* data, std::size_t size);
   /// Small pieces are joined and sent together. False where the connection is broken.
   bool write(std::string_view data);
+  /// As `write`, of bytes that are in a file too, from `offset` on: what the socket takes at once
+  /// is sent from there, without a copy.
+  bool write_of_file(std::string_view data, int file, std::size_t offset);
   bool flush();
 
   /// Every piece goes at once from here on, as an event stream needs it.
@@ -68,6 +71,7 @@ class Connection {
  private:
   bool wait(short events, Clock::time_point deadline) const;
   bool send_now(std::string_view first, std::string_view second, std::size_t& sent);
+  bool send_before_more();
   bool send_with_output(std::string_view data);
   Clock::time_point slowest(Clock::time_point start, std::chrono::milliseconds timeout,
                             std::size_t bytes) const;

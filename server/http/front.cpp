@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <csignal>
 #include <optional>
 #include <thread>
 #include <vector>
@@ -56,6 +57,7 @@ struct Front::Impl {
         quick(quick_workers(options), options.max_waiting,
               [this](int socket) { on_ready(socket, true); }),
         patient(options.patient_workers, options.max_waiting) {
+    std::signal(SIGPIPE, SIG_IGN);  // sendfile has no MSG_NOSIGNAL
     poll.watch(stop_bell.descriptor());
     for (const Listener& listener : listeners) poll.watch(listener.socket());
   }

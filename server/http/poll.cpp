@@ -5,17 +5,8 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
-#include <string>
-
-#include "cellmap/core/error.hpp"
 
 namespace cellmap::server {
-
-Descriptor::Descriptor(int value) : value_(value) {
-  if (value < 0) throw Error(ErrorCode::kIo, std::string("epoll: ") + std::strerror(errno));
-}
-Descriptor::~Descriptor() { ::close(value_); }
 
 Poll::Poll() : epoll_(::epoll_create1(EPOLL_CLOEXEC)) {}
 

@@ -6,22 +6,9 @@
 #include <cstdint>
 #include <span>
 
+#include "server/http/descriptor.hpp"
+
 namespace cellmap::server {
-
-/// A file descriptor that is closed.
-class Descriptor {
- public:
-  /// Throws Error{kIo} for one that could not be made.
-  explicit Descriptor(int value);
-  ~Descriptor();
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-
-  int value() const { return value_; }
-
- private:
-  const int value_;
-};
 
 /// Sockets that threads wait for (epoll). Thread safe; a socket that is closed is forgotten.
 class Poll {

@@ -103,7 +103,8 @@ std::string answer_head(const Response& response, const AnswerForm& form,
   return text.append("\r\n");
 }
 
-bool send_answer(Connection& connection, const Response& response, AnswerForm form) {
+bool send_answer(Connection& connection, const Response& response, AnswerForm form,
+                 BodyFiles& files) {
   if (const auto* stream = std::get_if<BodyStream>(&response.body)) {
     form.keep = form.keep && !form.is_http_1_0;  // whose end is that of the connection
     if (!connection.write(answer_head(response, form, std::nullopt))) return false;
@@ -116,7 +117,13 @@ bool send_answer(Connection& connection, const Response& response, AnswerForm fo
   }
   const auto body = body_view(response);
   if (!connection.write(answer_head(response, form, body.size()))) return false;
-  return (form.is_head || connection.write(body)) && form.keep;
+  if (form.is_head) return form.keep;
+  if (const auto* shared = std::get_if<SharedBytes>(&response.body)) {
+    if (const auto file = files.find(shared->bytes)) {
+      return connection.write_of_file(body, file->value(), shared->offset) && form.keep;
+    }
+  }
+  return connection.write(body) && form.keep;
 }
 
 }  // namespace cellmap::server

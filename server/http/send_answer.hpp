@@ -4,6 +4,7 @@
 #include <string>
 
 #include "server/api/message.hpp"
+#include "server/http/body_files.hpp"
 #include "server/http/connection.hpp"
 
 namespace cellmap::server {
@@ -19,9 +20,11 @@ struct AnswerForm {
 std::string answer_head(const Response& response, const AnswerForm& form,
                         const std::optional<std::uint64_t>& length);
 
-/// Sends an answer: bytes with their head in one call and without copying them, files in pieces,
-/// streams in chunks until they end, the peer leaves or the server stops. True where the connection
-/// can take another request. Throws what reading a file throws; half of an answer is sent then.
-bool send_answer(Connection& connection, const Response& response, AnswerForm form);
+/// Sends an answer: bytes with their head, without copying them (out of `files` where they are sent
+/// again and again), files in pieces, streams in chunks until they end, the peer leaves or the
+/// server stops. True where the connection can take another request. Throws what reading a file
+/// throws; half of an answer is sent then.
+bool send_answer(Connection& connection, const Response& response, AnswerForm form,
+                 BodyFiles& files);
 
 }  // namespace cellmap::server

@@ -28,14 +28,14 @@ FrontOptions narrow() {
   return options;
 }
 
-bool answer(Connection& connection, const RequestHead& head) {
+bool answer(Connection& connection, const RequestHead& head, BodyFiles& files) {
   const AnswerForm form{.is_head = false, .is_http_1_0 = false, .keep = head.keep};
   Response response;
   response.body = std::string(head.target == "/long" ? 900'000 : 10, 'x');
   const bool fails = head.target == "/fails";
   connection.skip(head.size);
   if (fails) throw std::runtime_error("as asked");
-  return send_answer(connection, response, form);
+  return send_answer(connection, response, form, files);
 }
 
 int connect_to(int port) {
@@ -85,11 +85,12 @@ TEST(Front, ServesOnAndStopsWhateverItsClientsDo) {
   const int port = listeners.front().port();
   std::atomic<int> served = 0;
   std::atomic<bool> done = false;
+  BodyFiles files;
   Front front(std::move(listeners), narrow(),
               {[](const RequestHead& head) { return head.target == "/patient"; },
                [&](Connection& connection, const RequestHead& head) {
                  ++served;
-                 return answer(connection, head);
+                 return answer(connection, head, files);
                },
                [](const std::exception&) {}});
   std::thread loop([&] { front.run(); });

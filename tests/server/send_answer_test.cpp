@@ -1,10 +1,13 @@
 #include "server/http/send_answer.hpp"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <array>
 #include <atomic>
+#include <memory>
 
 #include "cellmap/archive/byte_source.hpp"
 
@@ -24,7 +27,7 @@ class SendAnswer : public ::testing::Test {
 
   std::string sent(const Response& response, const AnswerForm& form = {}) {
     Connection connection(sockets_[0], limits_, stop_);
-    kept_ = send_answer(connection, response, form);
+    kept_ = send_answer(connection, response, form, files_);
     connection.flush();
     connection.half_close();
     std::string all;
@@ -35,10 +38,17 @@ class SendAnswer : public ::testing::Test {
     return all;
   }
 
+  /// A new connection for the next answer.
+  void again() {
+    ::close(sockets_[1]);
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM, 0, sockets_), 0);
+  }
+
   int sockets_[2];
   const ConnectionLimits limits_;
   std::atomic<bool> stop_ = false;
   bool kept_ = false;
+  BodyFiles files_;
 };
 
 Response text(std::string body) {
@@ -46,6 +56,12 @@ Response text(std::string body) {
   response.headers.set("Content-Type", "text/plain");
   response.body = std::move(body);
   return response;
+}
+
+Bytes numbered(std::size_t size) {
+  Bytes bytes(size);
+  for (std::size_t i = 0; i < size; ++i) bytes[i] = static_cast<std::byte>(i * 7 + i / 256);
+  return bytes;
 }
 
 /// A stream of two pieces, with a moment between them in which there is nothing.
@@ -118,6 +134,76 @@ TEST_F(SendAnswer, APartOfAFileGoesWithItsLength) {
   response.body = FileBody{std::make_shared<MemoryFile>(Bytes(10, std::byte{'x'})), 2, 8};
   EXPECT_THAT(sent(response), EndsWith("Content-Length: 8\r\n\r\nxxxxxxxx"));
   EXPECT_TRUE(kept_);
+}
+
+TEST_F(SendAnswer, ABodyThatIsSentAgainIsTheSame) {
+  const auto bytes = std::make_shared<const Bytes>(numbered(60'000));
+  const std::string all(reinterpret_cast<const char*>(bytes->data()), bytes->size());
+  Response response;
+  for (int time = 0; time < 3; ++time) {
+    response.body = SharedBytes{bytes, 0, bytes->size()};
+    EXPECT_THAT(sent(response), EndsWith("Content-Length: 60000\r\n\r\n" + all)) << time;
+    again();
+    response.body = SharedBytes{bytes, 20'000, 300};
+    EXPECT_THAT(sent(response), EndsWith("\r\n\r\n" + all.substr(20'000, 300))) << time;
+    EXPECT_TRUE(kept_);
+    again();
+  }
+}
+
+TEST_F(SendAnswer, WhatTheSocketDoesNotTakeOfAFileWaits) {
+  const auto bytes = std::make_shared<const Bytes>(numbered(200'000));
+  files_.find(bytes);
+  const int small = 4096;
+  ::setsockopt(sockets_[0], SOL_SOCKET, SO_SNDBUF, &small, sizeof(small));
+  ::fcntl(sockets_[0], F_SETFL, O_NONBLOCK);
+  Connection connection(sockets_[0], limits_, stop_);
+  Response response;
+  response.body = SharedBytes{bytes, 0, bytes->size()};
+  EXPECT_TRUE(send_answer(connection, response, {}, files_));
+  EXPECT_GT(connection.pending(), 100'000u);
+  std::string all;
+  std::array<char, 4096> buffer;
+  while (connection.pending() > 0) {
+    const ssize_t got = ::recv(sockets_[1], buffer.data(), buffer.size(), 0);
+    all.append(buffer.data(), static_cast<std::size_t>(got));
+    ASSERT_TRUE(connection.send_pending());
+  }
+  connection.half_close();
+  for (ssize_t got; (got = ::recv(sockets_[1], buffer.data(), buffer.size(), 0)) > 0;) {
+    all.append(buffer.data(), static_cast<std::size_t>(got));
+  }
+  EXPECT_THAT(all, EndsWith(std::string(reinterpret_cast<const char*>(bytes->data()), 200'000)));
+}
+
+TEST(BodyFiles, AreOfBodiesThatAreSentTwice) {
+  BodyFiles files;
+  const auto bytes = std::make_shared<const Bytes>(numbered(BodyFiles::kLeastBytes));
+  EXPECT_FALSE(files.find(bytes));
+  const auto file = files.find(bytes);
+  ASSERT_TRUE(file);
+  EXPECT_EQ(files.find(bytes), file);
+  Bytes read(bytes->size() + 1);
+  EXPECT_EQ(::pread(file->value(), read.data(), read.size(), 0), std::ssize(*bytes));
+  read.pop_back();
+  EXPECT_EQ(read, *bytes);
+}
+
+TEST(BodyFiles, AreNotOfOtherBytesAtTheSameAddress) {
+  BodyFiles files;
+  Bytes place = numbered(BodyFiles::kLeastBytes);
+  const auto shared = [&] { return std::shared_ptr<const Bytes>(&place, [](const Bytes*) {}); };
+  files.find(shared());
+  EXPECT_FALSE(files.find(shared()));
+}
+
+TEST(BodyFiles, AreOfNeitherShortNorLongBodies) {
+  BodyFiles files;
+  for (const std::size_t size : {BodyFiles::kLeastBytes - 1, BodyFiles::kMostBytes + 1}) {
+    const auto bytes = std::make_shared<const Bytes>(numbered(size));
+    files.find(bytes);
+    EXPECT_FALSE(files.find(bytes)) << size;
+  }
 }
 
 TEST_F(SendAnswer, AFileThatEndsEarlyEndsTheConnection) {
