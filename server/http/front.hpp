@@ -57,8 +57,8 @@ struct FrontHandlers {
 ///                                                      -> closing: half closed, until the peer
 ///                                                         has read the answer
 ///
-/// A connection belongs to the thread that took it, until that parks it (`Clients`). A process with a
-/// front ignores SIGPIPE.
+/// A connection belongs to the thread that took it, until that parks it (`Clients`). A process with
+/// a front ignores SIGPIPE.
 class Front {
  public:
   Front(std::vector<Listener> listeners, FrontOptions options, FrontHandlers handlers);
