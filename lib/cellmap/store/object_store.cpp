@@ -185,6 +185,7 @@ class S3Store final : public ObjectStore {
     };
     add("x-amz-content-sha256: " + to_hex(sha256(body)));
     add("Content-Type: application/octet-stream");
+    // No "Expect:" to ask nothing before the bytes: libcurl 7.88 signs it and does not send it.
     if (!options_.session_token.empty()) {
       add("x-amz-security-token: " + options_.session_token);
     }
