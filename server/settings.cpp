@@ -91,6 +91,10 @@ void add_options(CLI::App& app, Settings& settings) {
       });
   app.add_option("--threads", settings.threads, "Threads of one computation; 0: all")
       ->check(CLI::Range(0, 1024));
+  app.add_option("--place-memory", settings.place_memory_mib,
+                 "MiB for what relocalisation knows of CELLs, 1.2 kB each; what was used longest "
+                 "ago makes room and is made again from its CELLs when it is needed")
+      ->check(CLI::Range(1, 1'000'000));
   app.add_option("--max-connections", settings.max_connections,
                  "Held open; beyond them the longest idle one makes room")
       ->check(CLI::Range(16, 1'000'000));

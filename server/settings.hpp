@@ -25,6 +25,7 @@ struct Settings {
   std::vector<std::string> allow_origins;
   std::vector<std::string> trusted_proxies;
   int threads = 0;
+  std::size_t place_memory_mib = 4096;
   int max_connections = 4096;
   std::string log_level = "info", log_format = "text";
   bool insecure = false;

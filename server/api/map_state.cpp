@@ -5,6 +5,27 @@
 #include "cellmap/store/read_cell.hpp"
 
 namespace cellmap::server {
+namespace {
+
+/// The graph without what is not in the map frame yet, where nobody can be.
+std::shared_ptr<const PoseGraph> aligned(std::shared_ptr<const PoseGraph> graph) {
+  if (graph->unaligned.empty()) return graph;
+  PoseGraph rest;
+  rest.revision = graph->revision;
+  for (const auto& [id, pose] : graph->nodes) {
+    if (!graph->unaligned.contains(id)) rest.nodes.emplace_hint(rest.nodes.end(), id, pose);
+  }
+  return std::make_shared<const PoseGraph>(std::move(rest));
+}
+
+std::shared_ptr<const PlaceIndex> index_of(std::shared_ptr<DescribedCells> described,
+                                           const PoseGraph& graph) {
+  auto regions = std::make_shared<const PlaceRegions>(graph);
+  auto parts = std::make_shared<const PartsOfGraph>(std::move(described), regions);
+  return std::make_shared<const PlaceIndex>(std::move(regions), std::move(parts));
+}
+
+}  // namespace
 
 Cell load_cell(const Store& store, const std::string& map, CellId id) {
   return read_cell(store, map, id);
@@ -38,10 +59,12 @@ void TargetCache::erase(std::uint64_t map_key, CellId id) {
   by_key_.erase(found);
 }
 
-MapState::MapState(const Store& store, TargetCache& cache, std::shared_ptr<const Lattice> lattice,
-                   std::string name, Stamp created, std::uint64_t key)
+MapState::MapState(const Store& store, TargetCache& cache, PartCache& parts,
+                   std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
+                   std::uint64_t key)
     : store_(store),
       cache_(cache),
+      parts_(parts),
       lattice_(std::move(lattice)),
       name_(std::move(name)),
       created_(created),
@@ -76,8 +99,9 @@ std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
 void MapState::forget_cell(CellId id) const { cache_.erase(key_, id); }
 
 void MapState::forget_places() const {
-  const std::lock_guard lock(index_mutex_);
-  for (auto& index : indices_) index.reset();
+  const std::lock_guard lock(places_mutex_);
+  described_.reset();
+  places_ = {};
 }
 
 TargetProvider MapState::targets(std::shared_ptr<const MapState> state) {
@@ -88,44 +112,38 @@ MapAccess MapState::access(const std::shared_ptr<const MapState>& state) {
   return {targets(state), [state](const PoseGraph& graph) { return state->place_index(graph); }};
 }
 
-void MapState::bring_up_to_date(Index& index, const PoseGraph& graph) const {
-  for (const auto& [id, pose] : graph.nodes) {
-    const auto at = std::ranges::lower_bound(index.cells, id);
-    if (at != index.cells.end() && *at == id) continue;
-    index.index.add(id, load_cell(store_, name_, id), *lattice_);
-    index.cells.insert(at, id);
+std::shared_ptr<DescribedCells> MapState::described_cells() const {
+  const std::lock_guard lock(places_mutex_);
+  if (!described_) {
+    described_ = std::make_shared<DescribedCells>(store_, parts_, name_, lattice_);
   }
+  return described_;
 }
 
 std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) const {
-  const std::lock_guard lock(index_mutex_);
-  auto by_size = [](const auto& a, const auto& b) {
-    return (a ? a->cells.size() : 0) < (b ? b->cells.size() : 0);
-  };
-  if (by_size(indices_[0], indices_[1])) std::swap(indices_[0], indices_[1]);
-  auto share = [](const std::shared_ptr<Index>& index) {
-    index->readers.fetch_add(1, std::memory_order_relaxed);
-    return std::shared_ptr<const PlaceIndex>(&index->index, [index](const PlaceIndex*) {
-      index->readers.fetch_sub(1, std::memory_order_release);
-    });
-  };
-  const auto is_complete = [&](const Index& index) {
-    const auto id_of = [](const auto& node) { return node.first; };
-    return std::ranges::includes(index.cells, graph.nodes, {}, {}, id_of);
-  };
-  if (indices_[0] && is_complete(*indices_[0])) return share(indices_[0]);
-  for (auto& index : indices_) {
-    // What the last reader read, it has read before this index changes.
-    if (index && index->readers.load(std::memory_order_acquire) > 0) continue;
-    if (!index) index = std::make_shared<Index>();
-    bring_up_to_date(*index, graph);
-    return share(index);
+  return index_of(described_cells(), graph);
+}
+
+MapState::Places MapState::places() const {
+  const auto current = graph();
+  {
+    const std::lock_guard lock(places_mutex_);
+    if (places_.graph && places_.graph->revision == current->revision) return places_;
   }
-  return share(indices_[0]);
+  const auto described = described_cells();
+  Places places{aligned(current), nullptr};
+  places.index = index_of(described, *places.graph);
+  const std::lock_guard lock(places_mutex_);
+  const bool is_newer = !places_.graph || places_.graph->revision < current->revision;
+  if (is_newer && described == described_) places_ = places;
+  return places;
 }
 
 Maps::Maps(Store& store, const MapsOptions& options)
-    : store_(store), options_(options), cache_(options.cached_targets) {}
+    : store_(store),
+      options_(options),
+      cache_(options.cached_targets),
+      parts_(options.place_bytes) {}
 
 std::shared_ptr<const MapState> Maps::open(const std::string& name) {
   const MapInfo info = store_.map(name);
@@ -138,8 +156,8 @@ std::shared_ptr<const MapState> Maps::open(const std::string& name) {
     }
     states_.erase(found);  // another map by the same name
   }
-  states_.push_front(std::make_shared<const MapState>(store_, cache_, lattices_.get(info.lattice),
-                                                      name, info.created, next_key_++));
+  states_.push_front(std::make_shared<const MapState>(
+      store_, cache_, parts_, lattices_.get(info.lattice), name, info.created, next_key_++));
   auto opened = states_.front();
   for (auto state = std::prev(states_.end());
        states_.size() > options_.loaded_maps && state != states_.begin();) {

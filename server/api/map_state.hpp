@@ -1,6 +1,5 @@
 #pragma once
 
-#include <atomic>
 #include <cstdint>
 #include <list>
 #include <map>
@@ -16,6 +15,7 @@
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/store/store.hpp"
+#include "server/api/place_parts.hpp"
 
 namespace cellmap::server {
 
@@ -46,8 +46,9 @@ class TargetCache {
 /// Thread safe.
 class MapState {
  public:
-  MapState(const Store& store, TargetCache& cache, std::shared_ptr<const Lattice> lattice,
-           std::string name, Stamp created, std::uint64_t key);
+  MapState(const Store& store, TargetCache& cache, PartCache& parts,
+           std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
+           std::uint64_t key);
 
   const std::string& name() const { return name_; }
   Stamp created() const { return created_; }
@@ -67,25 +68,27 @@ class MapState {
   static TargetProvider targets(std::shared_ptr<const MapState> state);
   static MapAccess access(const std::shared_ptr<const MapState>& state);
 
-  /// Descriptors of CELLs of `graph`, brought up to date as far as other readers allow: an index
-  /// that is being read is never changed, so there are at most two, and while both are in use the
-  /// fuller one is handed out as it is. Takes 0.3 ms a CELL that is new to it.
+  /// An index of the CELLs of `graph`, whose descriptors are made when a query needs them.
   std::shared_ptr<const PlaceIndex> place_index(const PoseGraph& graph) const;
+
+  /// What can be relocalised in: the CELLs that are in the map frame, at one revision.
+  struct Places {
+    std::shared_ptr<const PoseGraph> graph;
+    std::shared_ptr<const PlaceIndex> index;
+  };
+  /// Of the store's current revision.
+  Places places() const;
 
   /// Serialises what changes the map: held from reading the graph that a change starts from until
   /// the change is committed.
   std::mutex& writer() const { return writer_; }
 
  private:
-  struct Index {
-    PlaceIndex index;
-    std::vector<CellId> cells;    ///< ascending
-    std::atomic<int> readers{0};  ///< those that place_index() handed it to and that still have it
-  };
-  void bring_up_to_date(Index& index, const PoseGraph& graph) const;
+  std::shared_ptr<DescribedCells> described_cells() const;
 
   const Store& store_;
   TargetCache& cache_;
+  PartCache& parts_;
   std::shared_ptr<const Lattice> lattice_;
   std::string name_;
   Stamp created_;
@@ -93,13 +96,15 @@ class MapState {
   mutable std::mutex writer_;
   mutable std::mutex graph_mutex_;
   mutable std::shared_ptr<const PoseGraph> graph_;
-  mutable std::mutex index_mutex_;
-  mutable std::shared_ptr<Index> indices_[2];
+  mutable std::mutex places_mutex_;
+  mutable std::shared_ptr<DescribedCells> described_;
+  mutable Places places_;  ///< of the revision that was last asked for
 };
 
 struct MapsOptions {
-  std::size_t loaded_maps = 16;      ///< states kept; more only while they are in use
-  std::size_t cached_targets = 256;  ///< RegistrationTargets, about 0.5 MB each
+  std::size_t loaded_maps = 16;                    ///< states kept; more only while they are in use
+  std::size_t cached_targets = 256;                ///< RegistrationTargets, about 0.5 MB each
+  std::size_t place_bytes = std::size_t{4} << 30;  ///< of descriptors of CELLs, of all maps
 };
 
 /// The states of the maps of a store. Thread safe.
@@ -117,6 +122,7 @@ class Maps {
   MapsOptions options_;
   LatticeCache lattices_;
   TargetCache cache_;
+  PartCache parts_;
   std::mutex mutex_;
   std::uint64_t next_key_ = 1;
   std::list<std::shared_ptr<const MapState>> states_;  ///< most recent first

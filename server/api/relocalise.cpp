@@ -116,17 +116,6 @@ Json to_document(const Services& services, const std::string& map,
   return json;
 }
 
-/// The graph without what is not in the map frame yet, which cannot answer.
-std::shared_ptr<const PoseGraph> aligned(std::shared_ptr<const PoseGraph> graph) {
-  if (graph->unaligned.empty()) return graph;
-  PoseGraph rest;
-  rest.revision = graph->revision;
-  for (const auto& [id, pose] : graph->nodes) {
-    if (!graph->unaligned.contains(id)) rest.nodes.emplace_hint(rest.nodes.end(), id, pose);
-  }
-  return std::make_shared<const PoseGraph>(std::move(rest));
-}
-
 Response relocalise(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const auto prior = read_prior(call);
@@ -137,11 +126,11 @@ Response relocalise(Services& services, const Call& call) {
   std::chrono::duration<double, std::milli> elapsed{};
   in_turn(services, [&](int threads) {
     const auto start = std::chrono::steady_clock::now();
-    const auto index = state->place_index(*state->graph());
-    graph = aligned(state->graph());  // again: every CELL of the index has a pose in it
+    const MapState::Places places = state->places();
+    graph = places.graph;
     RelocaliseOptions options;
     options.threads = options.registration.threads = threads;
-    answer = index->relocalise(query, *graph, MapState::targets(state), options);
+    answer = places.index->relocalise(query, *graph, MapState::targets(state), options);
     elapsed = std::chrono::steady_clock::now() - start;
   });
   services.metrics.relocalisation(answer.found.has_value());

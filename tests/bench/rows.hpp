@@ -45,6 +45,8 @@ void pose_graph_rows(const Setting& setting, const AddRow& add);
 void codec_rows(const Setting& setting, const AddRow& add);
 void store_rows(const Setting& setting, const AddRow& add);
 void ingest_rows(const Setting& setting, const AddRow& add);
+/// Among 10^5 and 10^6 places; a tenth of them in the quick run.
+void place_rows(const Setting& setting, const AddRow& add);
 
 /// Streams a drive of KITTI 00's length along its route from the simulator (--kitti00).
 void kitti00_ingest_row(const AddRow& add);

@@ -8,42 +8,17 @@
 #include <random>
 
 #include "cellmap/place/polar_image.hpp"
-#include "cellmap/place/signature_index.hpp"
+#include "place/seen_towns.hpp"
 
 namespace cellmap {
 namespace {
 
+using test::seen;
+using test::sensor_at;
+using test::town;
+using test::turned_cloud;
+
 constexpr double kSignatureDeg = std::numbers::pi / 180;
-
-/// Upright things at random places on flat ground; z above the ground.
-PointCloud town(unsigned seed) {
-  std::mt19937 rng(seed);
-  std::uniform_real_distribution<float> xy(-70, 70), height(1, 9), extent(-3, 3);
-  PointCloud points;
-  for (int thing = 0; thing < 60; ++thing) {
-    const float x = xy(rng), y = xy(rng), top = height(rng);
-    for (int i = 0; i < 60; ++i) {
-      points.push_back({x + extent(rng), y + extent(rng), top * static_cast<float>(i % 10) / 10});
-    }
-  }
-  for (int i = 0; i < 4000; ++i) points.push_back({xy(rng), xy(rng), 0});
-  return points;
-}
-
-PointCloud turned_cloud(const PointCloud& points, double yaw_rad) {
-  return transformed(points, upright_pose(0, 0, yaw_rad));
-}
-
-/// As a sensor 1.7 m above the ground would see it.
-PointCloud seen(const PointCloud& points, const Pose& T_ground_sensor) {
-  return transformed(points, T_ground_sensor.inverse());
-}
-
-Pose sensor_at(double x, double y, double yaw_rad) {
-  Pose T = upright_pose(x, y, yaw_rad);
-  T.translation().z() = 1.7;
-  return T;
-}
 
 TEST(Columns, KeepWhatStandsWithinReachAndTheTopOfEach) {
   PointCloud points;
@@ -130,62 +105,6 @@ TEST(PlaceSignature, CorrelationIsBoundedAndOneOnlyForItself) {
   const PlaceSignature a{Columns(town(1))}, b{Columns(town(2))};
   EXPECT_NEAR(a.correlate(a)[0], 1.0f, 1e-4f);
   EXPECT_LE(a.correlate(b).cwiseAbs().maxCoeff(), 1.0f);
-}
-
-TEST(SignatureIndex, FindsPlaceAndPoseFromAnotherLaneAndHeading) {
-  SignatureIndex index;
-  for (unsigned i = 1; i <= 20; ++i) index.add({i}, seen(town(i), sensor_at(0, 0, 0)));
-  index.remove({20});
-  ASSERT_EQ(index.size(), 19u);
-  std::vector<std::size_t> slots;
-  for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
-  const Pose T_town_sensor = sensor_at(2.6, 3.7, 200 * kSignatureDeg);
-  for (const unsigned place : {1u, 7u, 19u}) {
-    const DescribedQuery query(seen(town(place), T_town_sensor));
-    const auto alike = index.most_alike(query, slots, 3, 1);
-    ASSERT_EQ(alike.size(), 3u);
-    EXPECT_EQ(alike[0].value, place);
-    const auto alignments = index.align(query, {place}, 4);
-    ASSERT_FALSE(alignments.empty());
-    const Pose T_cell_query = sensor_at(0, 0, 0).inverse() * T_town_sensor;
-    const Pose& found = alignments[0].T_cell_query;
-    EXPECT_LT((found.translation() - T_cell_query.translation()).norm(), 1.6);
-    EXPECT_LT(angle_between_rad(found, T_cell_query), 6.5 * kSignatureDeg);
-  }
-}
-
-/// Beyond kCompareAll CELLs most are compared with every second view alone.
-TEST(SignatureIndex, InAManyTimesLargerMapTheSamePlacesAreFound) {
-  SignatureIndex index;
-  const std::size_t copies = SignatureIndex::kCompareAll / 20 + 1;
-  for (unsigned i = 0; i < 20 * copies; ++i) {
-    // Towns that differ a little from one of twenty each.
-    PointCloud points = town(1 + i % 20);
-    points.append(every_nth(town(1000 + i), 5));
-    index.add({i}, seen(points, sensor_at(0, 0, 0)));
-  }
-  ASSERT_GT(index.size(), SignatureIndex::kCompareAll);
-  std::vector<std::size_t> slots;
-  for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
-  for (const unsigned of : {3u, 11u}) {
-    const DescribedQuery query(seen(town(1 + of), sensor_at(1.8, 0.3, 70 * kSignatureDeg)));
-    std::vector<std::pair<double, std::uint64_t>> one_by_one;
-    for (const auto& [id, slot] : index.slots()) {
-      one_by_one.push_back({-index.align(query, id, 1)[0].similarity, id.value});
-    }
-    std::sort(one_by_one.begin(), one_by_one.end());
-    const auto alike = index.most_alike(query, slots, 10, 1);
-    for (std::size_t k = 0; k < 10; ++k) EXPECT_EQ(alike[k].value, one_by_one[k].second) << k;
-  }
-}
-
-TEST(SignatureIndex, DoesNotDependOnTheThreadCount) {
-  SignatureIndex index;
-  for (unsigned i = 1; i <= 12; ++i) index.add({i}, seen(town(i), sensor_at(0, 0, 0)));
-  std::vector<std::size_t> slots;
-  for (const auto& [id, slot] : index.slots()) slots.push_back(slot);
-  const DescribedQuery query(seen(town(5), sensor_at(1, 1, 1)));
-  EXPECT_EQ(index.most_alike(query, slots, 12, 1), index.most_alike(query, slots, 12, 2));
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/place/place_part.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "support/expect_error.hpp"
 #include "support/town_drive.hpp"
@@ -216,6 +217,63 @@ TEST_F(RelocalisationInATown, TheAnswerDoesNotDependOnTheThreadCount) {
   const auto two = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
   ASSERT_TRUE(one.found && two.found);
   EXPECT_EQ(one.found->T_map_scan.matrix(), two.found->T_map_scan.matrix());
+}
+
+/// Parts of the CELLs of the town, which lies around the corner of four regions.
+class TownInParts : public PlaceParts {
+ public:
+  TownInParts(const BuiltMap& map, std::shared_ptr<const PlaceRegions> regions)
+      : map_(map), regions_(std::move(regions)) {}
+  std::shared_ptr<const PlacePart> part(const RegionKey& region) const override {
+    asked.push_back(region);
+    auto part = std::make_shared<PlacePart>();
+    for (const CellId id : regions_->find(region)->ids) {
+      part->put(id, describe_place(reconstruct_points(map_.targets.at(id)->cell(), *map_.lattice)));
+    }
+    return part;
+  }
+  bool is_at_hand(const RegionKey&) const override { return false; }
+  mutable std::vector<RegionKey> asked;
+
+ private:
+  const BuiltMap& map_;
+  std::shared_ptr<const PlaceRegions> regions_;
+};
+
+TEST_F(RelocalisationInATown, AnIndexInPartsAnswersAsOneThatIsWhole) {
+  PoseGraph graph = map_->graph;
+  for (auto& [id, T] : graph.nodes) T = upright_pose(0, -22, 0) * T;  // its middle on the corner
+  const auto regions = std::make_shared<const PlaceRegions>(graph);
+  ASSERT_EQ(regions->all().size(), 4u);
+  const auto parts = std::make_shared<TownInParts>(*map_, regions);
+  const PlaceIndex in_parts(regions, parts);
+  EXPECT_EQ(in_parts.size(), index_->size());
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 77}.open();
+  for (const std::size_t i : {10u, 31u, 67u}) {
+    source->seek(i);
+    const PointCloud scan = source->next()->points;
+    PosePrior prior;
+    prior.T_map_scan = upright_pose(0, -22, 0) * source->ground_truth()[i].pose;
+    prior.radius_m = 1;
+    for (const auto& known : {std::optional<PosePrior>(), std::optional<PosePrior>(prior)}) {
+      const auto expected =
+          index_->relocalise(scan, graph, map_->provider(), known, quick_options());
+      parts->asked.clear();
+      const auto answer =
+          in_parts.relocalise(scan, graph, map_->provider(), known, quick_options());
+      ASSERT_TRUE(answer.found && expected.found) << i;
+      EXPECT_EQ(answer.found->cell, expected.found->cell);
+      EXPECT_EQ(answer.found->T_map_scan.matrix(), expected.found->T_map_scan.matrix());
+      EXPECT_EQ(answer.found->confidence, expected.found->confidence);
+      EXPECT_EQ(answer.cells_considered, expected.cells_considered);
+      ASSERT_EQ(answer.alternatives.size(), expected.alternatives.size());
+      for (std::size_t k = 0; k < answer.alternatives.size(); ++k) {
+        EXPECT_EQ(answer.alternatives[k].cell, expected.alternatives[k].cell);
+      }
+      EXPECT_EQ(parts->asked.size() < 4, known.has_value());
+    }
+  }
 }
 
 TEST_F(RelocalisationInATown, PointsThatAreNoPointsAreIgnored) {

@@ -92,13 +92,14 @@ TEST_F(SettingsTest, WhatIsPrintedAsInForceReadsAsTheSame) {
   ::setenv("CELLMAPD_THREADS", "4", 1);
   const auto result =
       read_settings({"--store", "a b.db", "--listen", "127.0.0.1:1", "--listen", "[::1]:2",
-                     "--insecure", "--allow-origin", "*", "--print-config"},
+                     "--insecure", "--allow-origin", "*", "--place-memory", "77", "--print-config"},
                     out_, err_);
   EXPECT_EQ(std::get<int>(result), 0);
   ::unsetenv("CELLMAPD_THREADS");
   const auto again = read({"--config", write(out_.str())});
   EXPECT_EQ(again.store, "a b.db");
   EXPECT_EQ(again.threads, 4);
+  EXPECT_EQ(again.place_memory_mib, 77u);
   EXPECT_THAT(again.listen, ElementsAre("127.0.0.1:1", "[::1]:2"));
   EXPECT_THAT(again.allow_origins, ElementsAre("*"));
   EXPECT_TRUE(again.insecure);

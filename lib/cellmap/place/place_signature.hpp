@@ -56,10 +56,23 @@ class PlaceSignature {
   static constexpr std::size_t kHarmonics = 12;
 
   using Correlation = Eigen::Matrix<float, kSectors, 1>;
+  template <typename Value>
+  using Spectrum = Eigen::Matrix<Value, kRows, kHarmonics + 1>;
 
   /// Seen from `centre` in the columns' frame.
   explicit PlaceSignature(const Columns& columns,
                           const Eigen::Vector2d& centre = Eigen::Vector2d::Zero());
+  /// Of these parts: coefficients of unit norm, energies that add up to one; all zero where nothing
+  /// was seen.
+  PlaceSignature(const Spectrum<float>& cosine, const Spectrum<float>& sine,
+                 const std::array<float, kSectors>& energy)
+      : cosine_(cosine), sine_(sine), energy_(energy) {}
+
+  /// Of each row and harmonic; together of unit norm.
+  const Spectrum<float>& cosine() const { return cosine_; }
+  const Spectrum<float>& sine() const { return sine_; }
+  /// Share of the squared norm of the image in each sector.
+  const std::array<float, kSectors>& energy() const { return energy_; }
 
   /// Agreement in [-1, 1] with `other` turned by each of the kSectors shifts: entry k belongs to
   /// other's points turned by +k * 6 deg about z. About 1 us.
@@ -78,9 +91,8 @@ class PlaceSignature {
   float most_alike(const simd::TurnedViews& views, std::size_t harmonics) const;
 
  private:
-  using Coefficients = Eigen::Matrix<float, kRows, kHarmonics + 1>;
-  Coefficients cosine_, sine_;          // of each row and harmonic; together of unit norm
-  std::array<float, kSectors> energy_;  // share of the squared norm of the image in each sector
+  Spectrum<float> cosine_, sine_;
+  std::array<float, kSectors> energy_;
 };
 
 }  // namespace cellmap

@@ -1,7 +1,7 @@
 #pragma once
 
+#include "cellmap/place/described_query.hpp"
 #include "cellmap/place/relocalise.hpp"
-#include "cellmap/place/signature_index.hpp"
 
 namespace cellmap {
 

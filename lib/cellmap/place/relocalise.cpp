@@ -2,15 +2,15 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <cassert>
 #include <cmath>
-#include <map>
 #include <numbers>
 #include <string>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/core/parallel.hpp"
+#include "cellmap/place/place_search.hpp"
 #include "cellmap/place/place_trials.hpp"
-#include "cellmap/place/signature_index.hpp"
 #include "cellmap/pose_graph/information.hpp"
 
 namespace cellmap {
@@ -69,116 +69,128 @@ RelocalisationQuery checked(const RelocalisationQuery& query) {
   return clean;
 }
 
+/// A part that lies in memory as a whole.
+class WholePart : public PlaceParts {
+ public:
+  explicit WholePart(const PlacePart& part) : part_(part) {}
+  std::shared_ptr<const PlacePart> part(const RegionKey&) const override {
+    return {std::shared_ptr<const PlacePart>(), &part_};  // owned by the index
+  }
+  bool is_at_hand(const RegionKey&) const override { return true; }
+
+ private:
+  const PlacePart& part_;
+};
+
+/// One CELL and the alignments to start from; without a start where the prior allows none.
+PlaceToTry place_at(const AlikePlace& alike, const DescribedQuery& query, const PoseGraph& graph,
+                    const std::optional<PosePrior>& prior, const RelocaliseOptions& options) {
+  constexpr std::size_t kEnoughForAPrior = 300;
+  PlaceToTry place;
+  place.cell = alike.id;
+  place.T_map_cell = graph.nodes.at(alike.id);
+  place.T_cell_ground = alike.place.T_ground_cell.inverse();
+  place.merit = -1.0;  // nothing alike
+  std::optional<LocalPrior> local;
+  if (prior) local.emplace(*prior, place.T_map_cell);
+  for (const PlaceAlignment& a :
+       align(query, alike.place, local ? kEnoughForAPrior : options.starts)) {
+    if (place.starts.size() >= options.starts) break;
+    if (local && !local->allows(a.T_cell_query, kStartMarginM, kStartMarginRad)) continue;
+    if (place.starts.empty()) place.merit = a.similarity;
+    place.starts.push_back(a.T_cell_query);
+  }
+  return place;
+}
+
+/// The CELL and the nearest others around a pose, no two at the same place.
+std::vector<CellAround> cells_around(CellId own, const Pose& T_map_scan,
+                                     const PlaceRegions& considered, const PoseGraph& graph,
+                                     const TargetProvider& targets) {
+  constexpr double kReachM = 30.0, kApartM = 4.0;
+  constexpr std::size_t kMost = 7;
+  const Eigen::Vector3d position = T_map_scan.translation();
+  const PlaceRegions around = considered.within(position.head<2>(), kReachM);
+  std::vector<std::pair<double, CellId>> near;
+  for (const PlaceRegions::Region& region : around.all()) {
+    for (std::size_t i = 0; i < region.ids.size(); ++i) {
+      const double metres = (region.positions[i] - position).norm();
+      if (region.ids[i] != own && metres <= kReachM) near.push_back({metres, region.ids[i]});
+    }
+  }
+  std::sort(near.begin(), near.end());
+  std::vector<CellAround> cells = {{targets(own), graph.nodes.at(own)}};
+  for (const auto& [metres, id] : near) {
+    if (cells.size() >= kMost) break;
+    const Pose& T = graph.nodes.at(id);
+    const bool is_apart = std::all_of(cells.begin(), cells.end(), [&](const CellAround& c) {
+      return (c.T_map_cell.translation() - T.translation()).norm() >= kApartM;
+    });
+    if (is_apart) cells.push_back({targets(id), T});
+  }
+  return cells;
+}
+
+/// The places most like the query, most alike first.
+std::vector<PlaceToTry> similar_places(const DescribedQuery& query, const PlaceRegions& considered,
+                                       const PlaceParts& parts, const PoseGraph& graph,
+                                       const std::optional<PosePrior>& prior,
+                                       const RelocaliseOptions& options) {
+  // What a place is most alike at may not be what a prior allows.
+  const std::vector<AlikePlace> alike = most_alike(
+      query, considered, parts, prior ? options.shortlist : options.candidates, options.threads);
+  std::vector<PlaceToTry> places(alike.size());
+  parallel_for(alike.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
+    places[i] = place_at(alike[i], query, graph, prior, options);
+  });
+  std::stable_sort(places.begin(), places.end(),
+                   [](const PlaceToTry& a, const PlaceToTry& b) { return a.merit > b.merit; });
+  if (places.size() > options.candidates) places.resize(options.candidates);
+  return places;
+}
+
 }  // namespace
 
 struct PlaceIndex::Impl {
-  SignatureIndex signatures;
+  PlacePart whole;  // where there are no regions
+  std::shared_ptr<const PlaceRegions> regions;
+  std::shared_ptr<const PlaceParts> parts;
 
-  /// The CELLs that may be the answer, and where they are.
-  struct Considered {
-    std::vector<std::size_t> slots;
-    std::vector<Eigen::Vector3d> positions;  // of each
-  };
-
-  /// The CELLs with a pose and, where there is a prior, near enough to it.
-  Considered cells_to_consider(const PoseGraph& graph,
-                               const std::optional<PosePrior>& prior) const {
-    const double reach_m = prior ? prior->radius_m + kCellReachM : 0.0;
-    Considered cells;
-    auto node = graph.nodes.begin();
-    for (const auto& [id, slot] : signatures.slots()) {  // both in order of id
-      while (node != graph.nodes.end() && node->first < id) ++node;
-      if (node == graph.nodes.end()) break;
-      if (node->first != id) continue;
-      if (!prior ||
-          (node->second.translation() - prior->T_map_scan.translation()).head<2>().norm() <=
-              reach_m) {
-        cells.slots.push_back(slot);
-        cells.positions.push_back(node->second.translation());
-      }
+  /// The CELLs with a pose and, where there is a prior, near enough to it. Never null.
+  std::shared_ptr<const PlaceRegions> considered(const PoseGraph& graph,
+                                                 const std::optional<PosePrior>& prior) const {
+    auto all = regions;
+    if (!all) {
+      const auto holds = [&](CellId id) { return whole.find(id) != nullptr; };
+      all = std::make_shared<const PlaceRegions>(graph, holds);
     }
-    return cells;
-  }
-
-  /// One CELL and the alignments to start from; without a start where the prior allows none.
-  PlaceToTry place_at(CellId cell, const DescribedQuery& query, const PoseGraph& graph,
-                      const std::optional<PosePrior>& prior,
-                      const RelocaliseOptions& options) const {
-    constexpr std::size_t kEnoughForAPrior = 300;
-    PlaceToTry place;
-    place.cell = cell;
-    place.T_map_cell = graph.nodes.at(cell);
-    place.T_cell_ground = signatures.ground(cell).T_ground_sensor.inverse();
-    place.merit = -1.0;  // nothing alike
-    std::optional<LocalPrior> local;
-    if (prior) local.emplace(*prior, place.T_map_cell);
-    for (const PlaceAlignment& a :
-         signatures.align(query, cell, local ? kEnoughForAPrior : options.starts)) {
-      if (place.starts.size() >= options.starts) break;
-      if (local && !local->allows(a.T_cell_query, kStartMarginM, kStartMarginRad)) continue;
-      if (place.starts.empty()) place.merit = a.similarity;
-      place.starts.push_back(a.T_cell_query);
-    }
-    return place;
-  }
-
-  /// The CELL and the nearest others around a pose, no two at the same place.
-  std::vector<CellAround> cells_around(CellId own, const Pose& T_map_scan,
-                                       const Considered& considered, const PoseGraph& graph,
-                                       const TargetProvider& targets) const {
-    constexpr double kReachM = 30.0, kApartM = 4.0;
-    constexpr std::size_t kMost = 7;
-    std::vector<std::pair<double, CellId>> near;
-    for (std::size_t i = 0; i < considered.slots.size(); ++i) {
-      const double metres = (considered.positions[i] - T_map_scan.translation()).norm();
-      const CellId id = signatures.id(considered.slots[i]);
-      if (id != own && metres <= kReachM) near.push_back({metres, id});
-    }
-    std::sort(near.begin(), near.end());
-    std::vector<CellAround> cells = {{targets(own), graph.nodes.at(own)}};
-    for (const auto& [metres, id] : near) {
-      if (cells.size() >= kMost) break;
-      const Pose& T = graph.nodes.at(id);
-      const bool is_apart = std::all_of(cells.begin(), cells.end(), [&](const CellAround& c) {
-        return (c.T_map_cell.translation() - T.translation()).norm() >= kApartM;
-      });
-      if (is_apart) cells.push_back({targets(id), T});
-    }
-    return cells;
-  }
-
-  /// The places most like the query, most alike first.
-  std::vector<PlaceToTry> similar_places(const DescribedQuery& query,
-                                         const std::vector<std::size_t>& slots,
-                                         const PoseGraph& graph,
-                                         const std::optional<PosePrior>& prior,
-                                         const RelocaliseOptions& options) const {
-    // What a place is most alike at may not be what a prior allows.
-    const std::vector<CellId> cells = signatures.most_alike(
-        query, slots, prior ? options.shortlist : options.candidates, options.threads);
-    std::vector<PlaceToTry> places(cells.size());
-    parallel_for(cells.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
-      places[i] = place_at(cells[i], query, graph, prior, options);
-    });
-    std::stable_sort(places.begin(), places.end(),
-                     [](const PlaceToTry& a, const PlaceToTry& b) { return a.merit > b.merit; });
-    if (places.size() > options.candidates) places.resize(options.candidates);
-    return places;
+    if (!prior) return all;
+    const Eigen::Vector2d centre = prior->T_map_scan.translation().head<2>();
+    return std::make_shared<const PlaceRegions>(all->within(centre, prior->radius_m + kCellReachM));
   }
 };
 
 PlaceIndex::PlaceIndex() : impl_(new Impl) {}
+PlaceIndex::PlaceIndex(std::shared_ptr<const PlaceRegions> regions,
+                       std::shared_ptr<const PlaceParts> parts)
+    : impl_(new Impl{{}, std::move(regions), std::move(parts)}) {}
 PlaceIndex::~PlaceIndex() = default;
 PlaceIndex::PlaceIndex(PlaceIndex&&) noexcept = default;
 PlaceIndex& PlaceIndex::operator=(PlaceIndex&&) noexcept = default;
 
 void PlaceIndex::add(CellId id, const Cell& cell, const Lattice& lattice) {
-  impl_->signatures.add(id, reconstruct_points(cell, lattice));
+  assert(!impl_->parts);
+  impl_->whole.put(id, describe_place(reconstruct_points(cell, lattice)));
 }
 
-void PlaceIndex::remove(CellId id) { impl_->signatures.remove(id); }
+void PlaceIndex::remove(CellId id) {
+  assert(!impl_->parts);
+  impl_->whole.remove(id);
+}
 
-std::size_t PlaceIndex::size() const { return impl_->signatures.size(); }
+std::size_t PlaceIndex::size() const {
+  return impl_->regions ? impl_->regions->cells() : impl_->whole.size();
+}
 
 PosePrior prior_from_covariance(const Pose& T_map_scan, const Matrix6d& covariance, double sigmas) {
   require(is_rigid(T_map_scan), "a rigid prior pose");
@@ -230,16 +242,18 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
   options.validate();
   const RelocalisationQuery query = checked(raw_query);
   RelocalisationAnswer answer;
-  const Impl::Considered considered = impl_->cells_to_consider(graph, query.prior);
-  answer.cells_considered = considered.slots.size();
-  if (query.points.empty() || considered.slots.empty()) return answer;
+  const auto considered = impl_->considered(graph, query.prior);
+  answer.cells_considered = considered->cells();
+  if (query.points.empty() || considered->cells() == 0) return answer;
 
   const DescribedQuery described(query.points);
+  const WholePart whole(impl_->whole);
+  const PlaceParts& parts = impl_->parts ? *impl_->parts : whole;
   std::vector<PlaceToTry> places =
-      impl_->similar_places(described, considered.slots, graph, query.prior, options);
+      similar_places(described, *considered, parts, graph, query.prior, options);
   for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
   const auto around = [&](CellId own, const Pose& T_map_scan) {
-    return impl_->cells_around(own, T_map_scan, considered, graph, targets);
+    return cells_around(own, T_map_scan, *considered, graph, targets);
   };
   std::vector<RelocalisationCandidate> tried =
       try_places(places, QueryPoints(query, described, options), around, query.prior, options);

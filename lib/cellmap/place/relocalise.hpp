@@ -101,11 +101,18 @@ struct RelocalisationAnswer {
   std::size_t cells_considered = 0;
 };
 
-/// Finds a scan in a map. Holds one descriptor a CELL (no scans, no planes). Not thread safe while
-/// changing; `relocalise` may run on many threads at once.
+class PlaceRegions;
+class PlaceParts;
+
+/// Finds a scan in a map. Holds one descriptor a CELL (no scans, no planes), or asks for them by
+/// region. Not thread safe while changing; `relocalise` may run on many threads at once.
 class PlaceIndex {
  public:
+  /// Holds the descriptors of the CELLs that are added.
   PlaceIndex();
+  /// Of the CELLs in `regions`, whose descriptors are in `parts`; `relocalise` is to be handed the
+  /// graph that the regions were made of. Nothing can be added or removed.
+  PlaceIndex(std::shared_ptr<const PlaceRegions> regions, std::shared_ptr<const PlaceParts> parts);
   ~PlaceIndex();
   PlaceIndex(PlaceIndex&&) noexcept;
   PlaceIndex& operator=(PlaceIndex&&) noexcept;
@@ -119,10 +126,11 @@ class PlaceIndex {
   /// registration on few points orders them anew, and the best are registered with many and
   /// accepted only where the scores agree and the CELLs around confirm them. The most alike places
   /// are tried first: a certain answer among them ends the search. With a prior, only CELLs near it
-  /// are tried, from a grid of poses over all that it allows too, and no answer lies outside it. A
-  /// scan that looks along the horizontal within a few degrees is expected. `scan` in its sensor
-  /// frame, `graph` gives the current poses of the CELLs in the index, `targets` loads the few that
-  /// are registered to and the six nearest to each answer.
+  /// are tried (of an index in parts, only the regions within reach are asked for), from a grid of
+  /// poses over all that it allows too, and no answer lies outside it. A scan that looks along the
+  /// horizontal within a few degrees is expected. `scan` in its sensor frame, `graph` gives the
+  /// current poses of the CELLs in the index, `targets` loads the few that are registered to and
+  /// the six nearest to each answer.
   RelocalisationAnswer relocalise(const PointCloud& scan, const PoseGraph& graph,
                                   const TargetProvider& targets,
                                   const std::optional<PosePrior>& prior,

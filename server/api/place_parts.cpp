@@ -1,0 +1,71 @@
+#include "server/api/place_parts.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <iterator>
+#include <vector>
+
+#include "cellmap/cell/cell.hpp"
+#include "cellmap/store/read_cell.hpp"
+
+namespace cellmap::server {
+
+DescribedCells::DescribedCells(const Store& store, PartCache& cache, std::string map,
+                               std::shared_ptr<const Lattice> lattice)
+    : store_(store),
+      cache_(cache),
+      map_(std::move(map)),
+      lattice_(std::move(lattice)),
+      index_(cache.new_index()) {}
+
+DescribedCells::~DescribedCells() { cache_.erase_index(index_); }
+
+bool DescribedCells::is_at_hand(const RegionKey& region) const {
+  return cache_.contains({index_, region});
+}
+
+std::shared_ptr<const PlacePart> DescribedCells::part(const PlaceRegions::Region& region) {
+  if (auto known = known_part(region)) return known;
+  // The parts of neighbouring regions can be made at the same time.
+  const auto turn = static_cast<std::uint32_t>(region.key.x + 4 * region.key.y) % turns_.size();
+  const std::lock_guard lock(turns_[turn]);
+  if (auto known = known_part(region)) return known;
+  auto made = made_part(region);
+  cache_.insert({index_, region.key}, made);
+  return made;
+}
+
+std::shared_ptr<const PlacePart> DescribedCells::known_part(const PlaceRegions::Region& region) {
+  auto known = cache_.find({index_, region.key});
+  return known && std::ranges::includes(known->ids(), region.ids) ? known : nullptr;
+}
+
+std::shared_ptr<const PlacePart> DescribedCells::made_part(
+    const PlaceRegions::Region& region) const {
+  auto earlier = cache_.find({index_, region.key});
+  // Other graphs may have other CELLs here (those of sessions that are not aligned): they stay too,
+  // as long as what moved away or left the map does not outgrow what is here.
+  if (earlier && earlier->size() > 2 * region.ids.size()) earlier.reset();
+  std::vector<CellId> ids;
+  std::ranges::set_union(region.ids, earlier ? earlier->ids() : std::vector<CellId>(),
+                         std::back_inserter(ids));
+  auto part = std::make_shared<PlacePart>();
+  part->reserve(ids.size());
+  for (const CellId id : ids) {
+    const DescribedPlace* described = earlier ? earlier->find(id) : nullptr;
+    part->put(id, described ? *described : describe(id));
+  }
+  return part;
+}
+
+DescribedPlace DescribedCells::describe(CellId id) const {
+  return describe_place(reconstruct_points(read_cell(store_, map_, id), *lattice_));
+}
+
+std::shared_ptr<const PlacePart> PartsOfGraph::part(const RegionKey& region) const {
+  const PlaceRegions::Region* cells = regions_->find(region);
+  assert(cells);
+  return cells_->part(*cells);
+}
+
+}  // namespace cellmap::server

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "cellmap/geometry/lattice.hpp"
+#include "cellmap/place/part_cache.hpp"
+#include "cellmap/store/store.hpp"
+
+namespace cellmap::server {
+
+/// The descriptors of the CELLs of a map, made of what the store keeps when a query first needs
+/// their region, and forgotten when the cache needs their room. A CELL's descriptor depends on its
+/// bytes alone, so one object serves every revision: where CELLs came or moved into a region, its
+/// part is made anew of those that are described already and the others. Parts never change, so
+/// whoever reads one is not disturbed. Thread safe.
+class DescribedCells {
+ public:
+  /// `store` and `cache` outlive it.
+  DescribedCells(const Store& store, PartCache& cache, std::string map,
+                 std::shared_ptr<const Lattice> lattice);
+  ~DescribedCells();
+  DescribedCells(const DescribedCells&) = delete;
+  DescribedCells& operator=(const DescribedCells&) = delete;
+
+  /// A part that has at least the CELLs of a region: 0.5 ms for each that is new to it. Throws as
+  /// the store and the codec do.
+  std::shared_ptr<const PlacePart> part(const PlaceRegions::Region& region);
+  bool is_at_hand(const RegionKey& region) const;
+
+ private:
+  std::shared_ptr<const PlacePart> known_part(const PlaceRegions::Region& region);
+  std::shared_ptr<const PlacePart> made_part(const PlaceRegions::Region& region) const;
+  DescribedPlace describe(CellId id) const;
+
+  const Store& store_;
+  PartCache& cache_;
+  const std::string map_;
+  const std::shared_ptr<const Lattice> lattice_;
+  const std::uint64_t index_;
+  /// Who makes a part holds one, so that no part is made twice at a time.
+  std::array<std::mutex, 16> turns_;
+};
+
+/// They, where the CELLs of one pose graph lie.
+class PartsOfGraph : public PlaceParts {
+ public:
+  PartsOfGraph(std::shared_ptr<DescribedCells> cells, std::shared_ptr<const PlaceRegions> regions)
+      : cells_(std::move(cells)), regions_(std::move(regions)) {}
+
+  std::shared_ptr<const PlacePart> part(const RegionKey& region) const override;
+  bool is_at_hand(const RegionKey& region) const override { return cells_->is_at_hand(region); }
+
+ private:
+  std::shared_ptr<DescribedCells> cells_;
+  std::shared_ptr<const PlaceRegions> regions_;
+};
+
+}  // namespace cellmap::server
