@@ -8,6 +8,7 @@ worker-killed   a worker is killed in mid-job: another one ends it, with the sam
 two-workers     two drives by two workers against one: faster, and the same bytes
 one-drive       one drive by two workers against one: the same bytes, and less to do for each
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
+far-database    1 and 5 ms to the database: what sending statements together gains
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
 unit-costs      processor time and bytes of one fetch, relocalisation, CELL, scan
@@ -37,6 +38,7 @@ ROWS = {
     "two-workers": ("postgres", "taskset"),
     "one-drive": ("postgres", "taskset"),
     "slow-database": ("postgres",),
+    "far-database": ("postgres",),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),
     "unit-costs": ("postgres",),

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <set>
 #include <thread>
 #include <vector>
@@ -121,6 +122,113 @@ TEST_F(PostgresStoreTest, ALostConnectionIsMadeAnewByTheNextTransaction) {
   EXPECT_EQ(store->map("town").cells, 3u);
 }
 
+TEST_F(PostgresStoreTest, AFailureThatWasNotWaitedForIsToldByCommitAndChangesNothing) {
+  open();
+  PostgresConnection connection(address_);
+  const auto put = [&](std::int64_t id, std::int64_t job) {
+    Query(connection,
+          "INSERT INTO job_part (job, claim, first_sequence, first_scan, scan_count) "
+          "VALUES (?, ?, 0, 0, 1)",
+          job, id)
+        .run();
+  };
+  const auto count = [&] { return connection.integer("SELECT COUNT(*) FROM job_part"); };
+  connection.begin_write();
+  put(1, 7);
+  put(1, 7);  // the same key
+  put(2, 7);
+  EXPECT_TRUE(connection.in_transaction());
+  expect_error(
+      ErrorCode::kInternal, [&] { connection.execute("COMMIT"); }, "duplicate key");
+  EXPECT_TRUE(connection.in_transaction());
+  expect_error(
+      ErrorCode::kInternal, [&] { connection.execute("COMMIT"); }, "rolled back");
+  EXPECT_FALSE(connection.in_transaction());
+  EXPECT_EQ(count(), 0);
+
+  connection.begin_write();
+  put(1, 8);
+  connection.execute("SAVEPOINT write");
+  put(1, 8);
+  connection.execute("ROLLBACK TO write");  // also of what is not known to have failed
+  put(2, 8);
+  connection.execute("COMMIT");
+  EXPECT_EQ(count(), 2);
+}
+
+TEST_F(PostgresStoreTest, AStatementThatWasNotPreparedBehindAFailureIsPreparedLater) {
+  open();
+  PostgresConnection connection(address_);
+  const auto remove = [&] { Query(connection, "DELETE FROM job_part WHERE job = ?", 1u).run(); };
+  for (int turn = 0; turn < 2; ++turn) {
+    connection.begin_write();
+    if (turn == 0) Query(connection, "SELECT 1 / ?", std::int64_t{0}).run();
+    remove();
+    if (turn == 0) {
+      expect_error(
+          ErrorCode::kInternal, [&] { connection.settle(); }, "division by zero");
+      connection.execute("ROLLBACK");
+    } else {
+      EXPECT_NO_THROW(connection.execute("COMMIT"));
+    }
+  }
+}
+
+TEST_F(PostgresStoreTest, OfWritesThatShareATransactionAFailingOneTakesBackOnlyItsOwn) {
+  const auto store = open();
+  store->create_map("town", {});
+  // Each a statement that fails in the database, between commits that must come to be.
+  PostgresConnection(address_).execute(
+      "ALTER TABLE cell ADD CONSTRAINT no_thirteens CHECK (id % 13 <> 0)");
+  std::atomic<int> refused = 0;
+  {
+    std::vector<std::jthread> writers;
+    for (std::uint32_t writer = 0; writer < 4; ++writer) {
+      writers.emplace_back([&, writer] {
+        for (std::uint32_t id = 1 + writer; id <= 60; id += 4) {
+          try {
+            store->commit("town", adding({make_cell(id)}));
+          } catch (const Error& error) {
+            EXPECT_EQ(error.code(), ErrorCode::kInternal);
+            EXPECT_EQ(id % 13, 0u) << error.what();
+            ++refused;
+          }
+        }
+      });
+    }
+  }
+  EXPECT_EQ(refused, 4);
+  EXPECT_EQ(store->map("town").cells, 56u);
+  EXPECT_EQ(store->pose_graph("town").nodes.size(), 56u);
+  EXPECT_EQ(store->map("town").revision, 56u);
+}
+
+TEST_F(PostgresStoreTest, AnUpdateOfAnySizeIsTheSameSentTogetherAndOneByOne) {
+  const auto together = open();
+  const auto one_by_one = open_postgres_store(address_, {.one_by_one = true});
+  MapUpdate update, moves;
+  for (std::uint32_t id = 1; id <= 700; ++id) update.cells.push_back(make_cell(id, pose_at(id, 0)));
+  for (std::uint32_t id = 2; id <= 700; ++id) {
+    update.add_constraints.push_back(make_constraint(id - 1, id));
+    moves.poses[{id}] = pose_at(id, 1);
+  }
+  update.add_constraints.push_back(update.add_constraints.front());  // the same again
+  for (const auto& [store, map] : {std::pair(together.get(), "a"), {one_by_one.get(), "b"}}) {
+    store->create_map(map, {});
+    const CommitResult added = store->commit(map, update);
+    EXPECT_EQ(added.constraint_ids.back(), added.constraint_ids.front());
+    EXPECT_EQ(store->commit(map, update).revision, added.revision);  // nothing new
+    store->commit(map, moves);
+  }
+  const PoseGraph a = together->pose_graph("a"), b = one_by_one->pose_graph("b");
+  EXPECT_EQ(a.constraints.size(), 699u);
+  EXPECT_EQ(a.constraints.size(), b.constraints.size());
+  ASSERT_EQ(a.nodes.size(), 700u);
+  ASSERT_EQ(b.nodes.size(), 700u);
+  for (const auto& [id, pose] : a.nodes) EXPECT_EQ(pose.matrix(), b.nodes.at(id).matrix());
+  EXPECT_EQ(together->map("a").encoded_bytes, together->map("b").encoded_bytes);
+}
+
 TEST_F(PostgresStoreTest, ADatabaseOfVersionFiveIsBroughtUpToDateAndItsJobsMayBeClaimed) {
   {
     PostgresConnection old(address_);
@@ -156,6 +264,7 @@ TEST_F(PostgresStoreTest, ClaimsDoNotWaitForALargeCommitOfAnotherServer) {
   claims_of(*store).queue_job(job, true, nothing_same);
   PostgresConnection other(address_);
   other.begin_write();
+  other.settle();
   const auto held = claims_of(*store).claim_job({.worker = "a", .lease = kLong});
   ASSERT_TRUE(held);
   EXPECT_TRUE(claims_of(*store).extend_claim(claim_of(*held), kLong));
@@ -217,6 +326,7 @@ TEST_F(PostgresStoreTest, IsReadyWhileAnotherServerIsWriting) {
   const auto store = open();
   PostgresConnection other(address_);
   other.begin_write();
+  other.settle();
   EXPECT_NO_THROW(store->check_ready());
   other.execute("ROLLBACK");
 }

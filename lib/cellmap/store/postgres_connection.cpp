@@ -1,15 +1,17 @@
 #include "cellmap/store/postgres_connection.hpp"
 
 #include <libpq-fe.h>
-#include <poll.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>
-#include <vector>
+#include <optional>
+#include <string_view>
+#include <utility>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/postgres_error.hpp"
 
 namespace cellmap {
 namespace {
@@ -17,41 +19,14 @@ namespace {
 // Numbers of built-in types, which never change (PostgreSQL's catalogue pg_type).
 constexpr Oid kByteaOid = 17, kInt8Oid = 20, kTextOid = 25, kFloat8Oid = 701;
 
-std::string without_line_end(const char* message) {
-  std::string text = message == nullptr ? "" : message;
-  while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
-  for (char& c : text) c = c == '\n' ? ' ' : c;
-  return text;
-}
+/// So much may be on its way before somebody looks whether it went well.
+constexpr std::size_t kMostUnanswered = 256, kMostUnansweredBytes = 4u << 20;
+/// So many questions are on their way at once.
+constexpr std::size_t kAskedAtOnce = 256;
 
-/// What a state of the SQL standard means for us (PostgreSQL manual, appendix A).
-[[noreturn]] void fail(const std::string& state, const std::string& message) {
-  const std::string detail = " (PostgreSQL " + (state.empty() ? "" : state + ": ") + message + ")";
-  const auto is_of = [&](std::string_view of) { return state.starts_with(of); };
-  if (state == "53100") {
-    throw Error(ErrorCode::kDiskFull,
-                "store: the database's disk is full and nothing was changed; free space" + detail);
-  }
-  if (state.empty() || is_of("08") || is_of("53") || is_of("57") || is_of("40") ||
-      state == "55P03" || state == "25006") {
-    throw Error(ErrorCode::kUnavailable,
-                "store: the database cannot be reached or is busy; try again" + detail);
-  }
-  if (is_of("XX") || is_of("58")) {
-    throw Error(ErrorCode::kCorruptData,
-                "store: the database reports damage; restore it from a backup" + detail);
-  }
-  if (is_of("28") || is_of("42501") || is_of("3D")) {
-    throw Error(ErrorCode::kIo,
-                "store: the database does not let this user in, or there is none of that name; "
-                "check address, name and rights" +
-                    detail);
-  }
-  if (is_of("22021") || is_of("22P05")) {
-    throw Error(ErrorCode::kInvalidArgument, "a text is no valid UTF-8 or holds a null" + detail);
-  }
-  throw Error(ErrorCode::kInternal, "store: unexpected database error" + detail);
-}
+constexpr std::string_view kBeginRead = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+// A writer that is cut off from the database must not hold up the others for ever.
+constexpr const char* kNotIdleForLong = "SET LOCAL idle_in_transaction_session_timeout = '10s'";
 
 template <typename Value>
 std::string big_endian(Value value) {
@@ -70,13 +45,6 @@ Value from_big_endian(const char* bytes) {
     std::reverse(bits.begin(), bits.end());
   }
   return std::bit_cast<Value>(bits);
-}
-
-/// Connects within a time that somebody waits for; who names another one in the address has it.
-std::unique_ptr<pg_conn, void (*)(pg_conn*)> connect(const std::string& address) {
-  const std::array keywords = {"connect_timeout", "dbname", static_cast<const char*>(nullptr)};
-  const std::array values = {"3", address.c_str(), static_cast<const char*>(nullptr)};
-  return {PQconnectdbParams(keywords.data(), values.data(), /*expand_dbname=*/1), PQfinish};
 }
 
 /// `?` as $1, $2 and so on; none of our SQL has one in a literal.
@@ -99,13 +67,15 @@ class PostgresStatement final : public SqlStatement {
  public:
   PostgresStatement(PostgresConnection& connection, const std::string& sql)
       : connection_(connection),
-        sql_(with_numbered_parameters(sql)),
-        name_("cellmap_" + std::to_string(++connection.prepared_)) {}
+        statement_{"cellmap_" + std::to_string(++connection.prepared_),
+                   with_numbered_parameters(sql)} {}
 
   void bind(std::int64_t value) override { add(kInt8Oid, big_endian(value)); }
   void bind(double value) override { add(kFloat8Oid, big_endian(value)); }
   void bind(const std::string& value) override {
-    if (value.find('\0') != std::string::npos) fail("22021", "a null in a text");
+    if (value.find('\0') != std::string::npos) {
+      throw_postgres_error("22021", "a null in a text");
+    }
     add(kTextOid, value);
   }
   void bind(const Bytes& value) override {
@@ -117,9 +87,20 @@ class PostgresStatement final : public SqlStatement {
   }
 
   bool step() override {
-    if (!result_) execute();
+    if (!result_) result_ = connection_.answer(statement_, parameters());
     return ++row_ < PQntuples(result_.get());
   }
+
+  void run() override {
+    if (result_) return;
+    std::size_t bytes = 0;
+    for (const auto& value : values_) bytes += value ? value->size() : 0;
+    connection_.run(statement_, parameters(), bytes);
+  }
+
+  /// Executes without waiting; what comes of it is to be given to `accept`.
+  void send() { connection_.link_.send(statement_, parameters()); }
+  void accept(PostgresConnection::Result result) { result_ = std::move(result); }
 
   void release() noexcept override {
     result_.reset();
@@ -163,28 +144,17 @@ class PostgresStatement final : public SqlStatement {
     values_.push_back(std::move(value));
   }
 
-  void execute() {
-    pg_conn* const connection = connection_.connection_.get();
-    const int count = static_cast<int>(values_.size());
-    if (prepared_in_ != connection_.generation_) {
-      connection_.answer(
-          PQsendPrepare(connection, name_.c_str(), sql_.c_str(), count, types_.data()));
-      prepared_in_ = connection_.generation_;
-    }
-    std::vector<const char*> values;
-    std::vector<int> lengths;
+  PostgresLink::Parameters parameters() const {
+    PostgresLink::Parameters all{types_, {}, {}};
     for (const auto& value : values_) {
-      values.push_back(value ? value->data() : nullptr);
-      lengths.push_back(value ? static_cast<int>(value->size()) : 0);
+      all.values.push_back(value ? value->data() : nullptr);
+      all.lengths.push_back(value ? static_cast<int>(value->size()) : 0);
     }
-    const std::vector<int> binary(values_.size(), 1);
-    result_ = connection_.answer(PQsendQueryPrepared(
-        connection, name_.c_str(), count, values.data(), lengths.data(), binary.data(), 1));
+    return all;
   }
 
   PostgresConnection& connection_;
-  const std::string sql_, name_;
-  int prepared_in_ = 0;  ///< generation of the connection
+  PostgresLink::Statement statement_;
   std::vector<Oid> types_;
   std::vector<std::optional<std::string>> values_;
   PostgresConnection::Result result_{nullptr, PQclear};
@@ -192,165 +162,171 @@ class PostgresStatement final : public SqlStatement {
 };
 
 PostgresConnection::PostgresConnection(const std::string& address,
-                                       std::shared_ptr<DatabaseOutage> outage)
-    : outage_(std::move(outage)),
-      connection_(nullptr, PQfinish),
-      outages_before_(outage_->count()),
-      generation_(1) {
-  if (const std::string reason = outage_->reason(); !reason.empty()) fail("", reason);
-  connection_ = connect(address);
-  if (!connection_) throw Error(ErrorCode::kUnavailable, "store: out of memory");
-  if (PQstatus(connection_.get()) != CONNECTION_OK) {
-    char* problem = nullptr;
-    PQconninfoOption* const options = PQconninfoParse(address.c_str(), &problem);
-    const bool is_understood = options != nullptr;
-    PQconninfoFree(options);
-    PQfreemem(problem);
-    if (!is_understood) {
-      throw Error(ErrorCode::kInvalidArgument,
-                  "store: expected postgresql://[user@]host[:port][,host...]/database");
-    }
-    outage_->report(without_line_end(PQerrorMessage(connection_.get())));
-    throw Error(ErrorCode::kUnavailable,
-                "store: cannot connect to the database; check that it runs, its address, the "
-                "user's name and rights (" +
-                    without_line_end(PQerrorMessage(connection_.get())) + ")");
-  }
-  PQsetNoticeProcessor(
-      connection_.get(), [](void*, const char*) {}, nullptr);
-  configure();
-}
+                                       std::shared_ptr<DatabaseOutage> outage, bool one_by_one)
+    : link_(address, std::move(outage)), one_by_one_(one_by_one) {}
 
 PostgresConnection::~PostgresConnection() { forget_statements(); }
 
-/// What is sent may wait for room in the socket, what comes for the database: neither for ever.
-void PostgresConnection::await_answer(std::chrono::seconds longest) {
-  using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::seconds kSlice(1), kPatience(5);
-  pg_conn* const connection = connection_.get();
-  const auto begun = Clock::now();
-  auto heard = begun;
-  for (;;) {
-    const int unsent = PQflush(connection);
-    if (unsent < 0 || (unsent == 0 && PQisBusy(connection) == 0)) return;
-    const short events = static_cast<short>(unsent > 0 ? POLLIN | POLLOUT : POLLIN);
-    pollfd socket{PQsocket(connection), events, 0};
-    const int ready = ::poll(&socket, 1, std::chrono::milliseconds(kSlice).count());
-    if (ready > 0) {
-      heard = Clock::now();
-      if ((socket.revents & ~POLLOUT) != 0 && PQconsumeInput(connection) == 0) return;
-      continue;
-    }
-    if (Clock::now() - begun > longest) lose("it did not answer in time");
-    if (Clock::now() - heard < kPatience && outage_->count() == outages_before_) continue;
-    if (!host_serves()) lose("it does not answer any more");
-    outages_before_ = outage_->count();
-    heard = Clock::now();
-  }
-}
-
-/// Asks the host of this very connection, over another one.
-bool PostgresConnection::host_serves() const {
-  const std::array keywords = {"host", "port", "connect_timeout",
-                               static_cast<const char*>(nullptr)};
-  const std::array values = {static_cast<const char*>(PQhost(connection_.get())),
-                             static_cast<const char*>(PQport(connection_.get())), "2",
-                             static_cast<const char*>(nullptr)};
-  return PQpingParams(keywords.data(), values.data(), 0) == PQPING_OK;
-}
-
-void PostgresConnection::lose(const std::string& why) {
-  is_lost_ = true;
-  outage_->report(why);
-  fail("", why);
-}
-
-PostgresConnection::Result PostgresConnection::answer(int is_sent, std::chrono::seconds longest) {
-  pg_conn* const connection = connection_.get();
-  Result last(nullptr, PQclear);
-  if (is_sent != 0) {
-    await_answer(longest);
-    // Of several statements the last one that was carried out.
-    while (pg_result* const next = PQgetResult(connection)) {
-      last.reset(next);
-      await_answer(longest);
-    }
-  }
-  const ExecStatusType status = PQresultStatus(last.get());
-  if (status == PGRES_COMMAND_OK || status == PGRES_TUPLES_OK) return last;
-  const auto field = [&](int which) {
-    const char* const text = last ? PQresultErrorField(last.get(), which) : nullptr;
-    return std::string(text ? text : "");
-  };
-  const std::string message = field(PG_DIAG_MESSAGE_PRIMARY);
-  fail(field(PG_DIAG_SQLSTATE),
-       without_line_end(message.empty() ? PQerrorMessage(connection) : message.c_str()));
-}
-
 void PostgresConnection::execute(const char* sql) {
-  const bool is_commit = std::string_view(sql) == "COMMIT";
-  answer(PQsendQuery(connection_.get(), sql), is_commit ? kLongestCommit : kLongestStatement);
+  const std::string_view words(sql);
+  if (begin_.empty()) return link_.run_script(sql);
+  if (words == "COMMIT") return commit(sql);
+  if (words == "ROLLBACK") {
+    const bool holds_locks = begin_.front() != kBeginRead;  // which others may not find afterwards
+    begin_.clear();
+    link_.send_and_forget(sql);
+    if (holds_locks || one_by_one_) link_.settle();
+    return;
+  }
+  settle_begin();
+  if (words.starts_with("ROLLBACK TO")) {
+    // Behind a failure nobody has heard of it would not be carried out.
+    try {
+      settle();
+    } catch (const Error&) {
+      if (!in_transaction()) throw;
+    }
+  }
+  link_.send(sql);
+  if (one_by_one_) settle();
 }
 
-/// What is lost with a connection. Our statements read few rows by an index. Where the planner,
-/// which knows the columns of all maps together, expects many, compiling the statement or starting
-/// workers for it takes a hundred times longer than carrying it out.
-void PostgresConnection::configure() {
-  PQsetnonblocking(connection_.get(), 1);  // to send, which `await_answer` goes on with
-  execute(
-      "SET client_encoding = 'UTF8'; SET lock_timeout = '30s'; SET jit = off; SET "
-      "max_parallel_workers_per_gather = 0");
+/// A transaction in which a statement failed answers COMMIT with having been rolled back.
+void PostgresConnection::commit(const char* sql) {
+  settle_begin();
+  link_.send(sql, PostgresLink::kLongestCommit);
+  const std::vector<Result> results = link_.settle();
+  unanswered_bytes_ = 0;
+  begin_.clear();
+  if (std::string_view(PQcmdStatus(results.back().get())) != "COMMIT") {
+    throw_postgres_error("25P02", "the transaction was rolled back");
+  }
 }
 
 /// Nothing is under way yet, so a connection that was lost meanwhile may be made anew.
-void PostgresConnection::begin(const char* sql) {
-  if (!is_lost_ && outage_->count() == outages_before_) {
+void PostgresConnection::begin(std::vector<const char*> statements) {
+  begin_ = std::move(statements);
+  is_fresh_ = true;
+  unanswered_bytes_ = 0;
+  if (link_.is_lost()) return begin_again_unless_alive();
+  try {
+    send_begin();
+    if (one_by_one_) settle_begin();
+  } catch (const Error&) {
+    begin_again_unless_alive();
+  }
+}
+
+void PostgresConnection::send_begin() {
+  for (const char* const statement : begin_) {
+    link_.send(statement);
+    if (one_by_one_) link_.settle();
+  }
+}
+
+/// In a handler of the error that told of the loss.
+void PostgresConnection::begin_again_unless_alive() {
+  if (!link_.is_lost()) throw;
+  try {
+    link_.connect_again();
+    send_begin();
+  } catch (const Error&) {
+    begin_.clear();
+    throw;
+  }
+}
+
+void PostgresConnection::settle_begin() {
+  if (!is_fresh_) return;
+  try {
+    link_.settle();
+  } catch (const Error&) {
+    begin_again_unless_alive();
+    link_.settle();
+  }
+  is_fresh_ = false;
+}
+
+void PostgresConnection::settle() {
+  settle_begin();
+  unanswered_bytes_ = 0;
+  link_.settle();
+}
+
+PostgresConnection::Result PostgresConnection::answer(PostgresLink::Statement& statement,
+                                                      const PostgresLink::Parameters& parameters) {
+  unanswered_bytes_ = 0;
+  if (is_fresh_ && !begin_.empty()) {
     try {
-      return execute(sql);
+      link_.send(statement, parameters);
+      auto results = link_.settle();
+      is_fresh_ = false;
+      return std::move(results.back());
     } catch (const Error&) {
-      if (PQstatus(connection_.get()) == CONNECTION_OK && !is_lost_) throw;
+      begin_again_unless_alive();
+    }
+    is_fresh_ = false;
+  }
+  link_.send(statement, parameters);
+  return std::move(link_.settle().back());
+}
+
+void PostgresConnection::run(PostgresLink::Statement& statement,
+                             const PostgresLink::Parameters& parameters, std::size_t bytes) {
+  const bool is_ours = !begin_.empty();
+  if (is_ours) settle_begin();
+  link_.send(statement, parameters);
+  unanswered_bytes_ += bytes;
+  if (!is_ours || one_by_one_ || link_.unanswered() >= kMostUnanswered ||
+      unanswered_bytes_ >= kMostUnansweredBytes) {
+    settle();
+  }
+}
+
+void PostgresConnection::ask(const std::vector<Question>& questions) {
+  if (one_by_one_) return SqlConnection::ask(questions);
+  if (!begin_.empty()) settle_begin();
+  const auto statement = [&](const Question& question) -> PostgresStatement& {
+    return static_cast<PostgresStatement&>(prepared(question.sql));
+  };
+  for (std::size_t begin = 0; begin < questions.size(); begin += kAskedAtOnce) {
+    const std::size_t count = std::min(kAskedAtOnce, questions.size() - begin);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Question& question = questions[begin + i];
+      Query query(*this, question.sql);
+      question.bind(query);
+      statement(question).send();
+    }
+    std::vector<Result> results = link_.settle();
+    const std::size_t first = results.size() - count;  // the others were run before
+    for (std::size_t i = 0; i < count; ++i) {
+      const Question& question = questions[begin + i];
+      Query query(*this, question.sql);
+      statement(question).accept(std::move(results[first + i]));
+      question.read(query);
     }
   }
-  connect_again();
-  execute(sql);
 }
 
-void PostgresConnection::connect_again() {
-  if (const std::string reason = outage_->reason(); !reason.empty()) fail("", reason);
-  outages_before_ = outage_->count();
-  PQreset(connection_.get());
-  ++generation_;
-  is_lost_ = PQstatus(connection_.get()) != CONNECTION_OK;
-  if (is_lost_) lose(without_line_end(PQerrorMessage(connection_.get())));
-  configure();
+void PostgresConnection::begin_read() {
+  begin({"BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"});
 }
-
-void PostgresConnection::begin_read() { begin("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"); }
 
 /// As SQLite: one transaction that writes at a time, whichever server it comes from; it does not
 /// wait for readers, nor they for it.
 void PostgresConnection::begin_write() {
-  begin("BEGIN");
-  // A writer that is cut off from the database must not hold up the others for ever.
-  execute(
-      "SET LOCAL idle_in_transaction_session_timeout = '10s'; "
-      "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE");
+  begin({"BEGIN", kNotIdleForLong, "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE"});
 }
 
-void PostgresConnection::begin_row_write() {
-  begin("BEGIN");
-  execute("SET LOCAL idle_in_transaction_session_timeout = '10s'");
-}
+void PostgresConnection::begin_row_write() { begin({"BEGIN", kNotIdleForLong}); }
 
 void PostgresConnection::begin_passing_write() {
-  begin_row_write();
-  execute("SET LOCAL synchronous_commit = off");
+  begin({"BEGIN", kNotIdleForLong, "SET LOCAL synchronous_commit = off"});
 }
 
 bool PostgresConnection::in_transaction() const {
-  if (is_lost_) return false;
-  const PGTransactionStatusType status = PQtransactionStatus(connection_.get());
-  return status == PQTRANS_INTRANS || status == PQTRANS_INERROR || status == PQTRANS_ACTIVE;
+  if (begin_.empty()) return link_.unanswered() == 0 && link_.is_in_transaction();
+  return is_fresh_ || link_.is_in_transaction();
 }
 
 std::string PostgresConnection::now_ns() const {

@@ -45,8 +45,9 @@ void PostgresStoreOptions::validate() const {
 std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                            const PostgresStoreOptions& options) {
   options.validate();
-  const auto connect = [address, outage = std::make_shared<DatabaseOutage>()] {
-    return std::make_unique<PostgresConnection>(address, outage);
+  const auto connect = [address, one_by_one = options.one_by_one,
+                        outage = std::make_shared<DatabaseOutage>()] {
+    return std::make_unique<PostgresConnection>(address, outage, one_by_one);
   };
   auto writer = connect();
   migrate_postgres_schema(*writer);

@@ -10,6 +10,7 @@ namespace cellmap {
 struct PostgresStoreOptions {
   std::size_t cache_bytes = 64u << 20;  ///< LRU of hot CELL blobs, zstd frames
   std::size_t max_readers = 16;         ///< connections; a further reader waits for a free one
+  bool one_by_one = false;              ///< no pipelining: to measure what that brings
 
   /// Throws Error{kInvalidArgument}: no readers.
   void validate() const;

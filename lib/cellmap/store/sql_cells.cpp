@@ -226,17 +226,31 @@ CellForm form_from_row(const Query& row, int first) {
 }
 
 std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map, CellId id) {
-  Query row(connection, select_cell("WHERE map = ? AND id = ?"), map, id.value);
-  if (!row.next()) return std::nullopt;
-  return cell_from_row(row);
+  std::optional<CellRecord> cell;
+  Questions question;
+  ask_cell(question, map, id, [&](CellRecord found) { cell = std::move(found); });
+  question.ask(connection);
+  return cell;
 }
 
-std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map,
-                                    const std::string& session, std::uint32_t sequence) {
-  Query row(connection, select_cell("WHERE map = ? AND session = ? AND sequence = ?"), map, session,
-            sequence);
-  if (!row.next()) return std::nullopt;
-  return cell_from_row(row);
+void ask_cell(Questions& questions, std::int64_t map, CellId id,
+              std::function<void(CellRecord)> found) {
+  questions.add(
+      select_cell("WHERE map = ? AND id = ?"),
+      [found = std::move(found)](Query& row) {
+        if (row.next()) found(cell_from_row(row));
+      },
+      map, id.value);
+}
+
+void ask_cell(Questions& questions, std::int64_t map, const std::string& session,
+              std::uint32_t sequence, std::function<void(CellRecord)> found) {
+  questions.add(
+      select_cell("WHERE map = ? AND session = ? AND sequence = ?"),
+      [found = std::move(found)](Query& row) {
+        if (row.next()) found(cell_from_row(row));
+      },
+      map, session, sequence);
 }
 
 std::optional<CellRecord> find_last_cell(SqlConnection& connection, std::int64_t map,
@@ -308,12 +322,23 @@ std::shared_ptr<const Bytes> read_blob(SqlConnection& connection, const ContentH
 }
 
 std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id) {
-  Query row(connection,
-            "SELECT hash, COALESCE(identity, hash), encoding, bound_um FROM cell "
-            "WHERE map = ? AND id = ?",
-            map, id.value);
-  if (!row.next()) return std::nullopt;
-  return KeptRow{hash_from(row.bytes(0)), hash_from(row.bytes(1)), form_from_row(row, 2)};
+  std::optional<KeptRow> kept;
+  Questions question;
+  ask_kept(question, map, id, [&](const KeptRow& row) { kept = row; });
+  question.ask(connection);
+  return kept;
+}
+
+void ask_kept(Questions& questions, std::int64_t map, CellId id,
+              std::function<void(const KeptRow&)> found) {
+  questions.add(
+      "SELECT hash, COALESCE(identity, hash), encoding, bound_um FROM cell "
+      "WHERE map = ? AND id = ?",
+      [found = std::move(found)](Query& row) {
+        if (!row.next()) return;
+        found({hash_from(row.bytes(0)), hash_from(row.bytes(1)), form_from_row(row, 2)});
+      },
+      map, id.value);
 }
 
 std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,

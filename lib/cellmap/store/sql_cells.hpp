@@ -1,5 +1,7 @@
 #pragma once
 
+#include <functional>
+
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/sql_connection.hpp"
 #include "cellmap/store/sql_reads.hpp"
@@ -24,13 +26,19 @@ struct KeptRow {
   CellForm form;
 };
 std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id);
+/// As a question; `found` is called where there is such a CELL.
+void ask_kept(Questions& questions, std::int64_t map, CellId id,
+              std::function<void(const KeptRow&)> found);
 /// Of a map, or one session of it.
 std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,
                                       const std::optional<std::string>& session);
 
 std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map, CellId id);
-std::optional<CellRecord> find_cell(SqlConnection& connection, std::int64_t map,
-                                    const std::string& session, std::uint32_t sequence);
+/// As questions; `found` is called where there is such a CELL.
+void ask_cell(Questions& questions, std::int64_t map, CellId id,
+              std::function<void(CellRecord)> found);
+void ask_cell(Questions& questions, std::int64_t map, const std::string& session,
+              std::uint32_t sequence, std::function<void(CellRecord)> found);
 /// The ORDER BY of what changed after a revision: by id, but beside revision 0 after an index over
 /// revisions was used. SQLite, which keeps no statistics, would rather read a whole map in order
 /// than sort the little that changed.

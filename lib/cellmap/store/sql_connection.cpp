@@ -36,6 +36,14 @@ SqlStatement& SqlConnection::prepared(std::string_view sql) {
   return *statements_.emplace(text, prepare(text)).first->second;
 }
 
+void SqlConnection::ask(const std::vector<Question>& questions) {
+  for (const Question& question : questions) {
+    Query query(*this, question.sql);
+    question.bind(query);
+    question.read(query);
+  }
+}
+
 Query::Query(SqlConnection& connection, std::string_view sql)
     : statement_(connection.prepared(sql)) {}
 
@@ -58,11 +66,6 @@ void Query::bind_column(const Query& row, int column, SqlType type) {
 }
 
 bool Query::next() { return statement_.step(); }
-
-void Query::run() {
-  while (statement_.step()) {
-  }
-}
 
 std::int64_t Query::integer(int column) const { return statement_.integer(column); }
 

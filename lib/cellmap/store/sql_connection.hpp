@@ -1,12 +1,14 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/core/error.hpp"
@@ -29,6 +31,11 @@ class SqlStatement {
 
   /// Executes at the first call; moves to the next row; false after the last.
   virtual bool step() = 0;
+  /// Executes to the end, unless the first call of `step` has; see `Query::run`.
+  virtual void run() {
+    while (step()) {
+    }
+  }
   /// Forgets parameters and rows.
   virtual void release() noexcept = 0;
 
@@ -38,6 +45,15 @@ class SqlStatement {
   virtual std::string text(int column) const = 0;
   virtual bool is_null(int column) const = 0;
   virtual std::span<const std::byte> bytes(int column) const = 0;
+};
+
+class Query;
+
+/// A statement with what its parameters and its rows are to be. What `read` is
+/// given lives as long as the call.
+struct Question {
+  std::string sql;
+  std::function<void(Query&)> bind, read;
 };
 
 /// A connection to a database with its prepared statements. One thread at a time.
@@ -56,7 +72,8 @@ class SqlConnection {
   virtual void execute(const char* sql) = 0;
   /// Begins a transaction all of whose reads see one state.
   virtual void begin_read() = 0;
-  /// Begins a transaction that excludes all others that write, in this process and elsewhere.
+  /// Begins a transaction that excludes all others that write, in this process and elsewhere: from
+  /// its first answer on, or `settle`.
   virtual void begin_write() = 0;
   /// Begins a transaction that writes rows which it locks one by one, and nothing else: where the
   /// engine can, it waits for no other transaction but one that holds such a row.
@@ -64,6 +81,8 @@ class SqlConnection {
   /// The same for rows that may be lost with the machine: where the engine can, nothing waits for
   /// the disk or for a standby.
   virtual void begin_passing_write() { begin_row_write(); }
+  /// Throws the failure of what was run and not waited for (`Query::run`).
+  virtual void settle() {}
   /// False once a transaction was committed or rolled back, also by the engine after an error.
   virtual bool in_transaction() const = 0;
 
@@ -80,12 +99,15 @@ class SqlConnection {
 
  protected:
   virtual std::unique_ptr<SqlStatement> prepare(const std::string& sql) = 0;
+  /// Carries out each in turn, or sends them all before it reads the first answer.
+  virtual void ask(const std::vector<Question>& questions);
+  SqlStatement& prepared(std::string_view sql);
   /// For destructors: statements go before what they belong to.
   void forget_statements() { statements_.clear(); }
 
  private:
   friend class Query;
-  SqlStatement& prepared(std::string_view sql);
+  friend class Questions;
 
   std::map<std::string, std::unique_ptr<SqlStatement>, std::less<>> statements_;
 };
@@ -113,8 +135,10 @@ class Query {
 
   /// Moves to the next row; false after the last.
   bool next();
-  /// Runs to the end a statement that gives no rows.
-  void run();
+  /// Executes to the end a statement that gives no rows. Inside a transaction an engine that is far
+  /// away need not wait for it: then its failure is thrown by what comes next, COMMIT at the
+  /// latest, which does not come to be. Whatever is executed later is executed after it.
+  void run() { statement_.run(); }
 
   std::int64_t integer(int column) const;
   /// Error{kCorruptData} where the value does not fit.
@@ -127,6 +151,8 @@ class Query {
   std::span<const std::byte> bytes(int column) const;
 
  private:
+  friend class Questions;
+
   void bind(std::uint32_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
   void bind(std::uint64_t value) { statement_.bind(static_cast<std::int64_t>(value)); }
   void bind(double value) { statement_.bind(value); }
@@ -142,6 +168,23 @@ class Query {
   static SqlType type_of(const Bytes*) { return SqlType::kBytes; }
 
   SqlStatement& statement_;
+};
+
+/// Questions none of which depends on another's answer, asked together: however many there are, an
+/// engine that is far away costs few waits. What was run before is seen by all of them.
+class Questions {
+ public:
+  /// `read(Query&)` gets the answer, to step through. The values are copied.
+  template <typename Read, typename... Values>
+  void add(std::string_view sql, Read read, Values... values) {
+    questions_.push_back(
+        {std::string(sql), [=](Query& query) { (query.bind(values), ...); }, std::move(read)});
+  }
+  /// Asks all and calls each `read`, in order.
+  void ask(SqlConnection& connection) const { connection.ask(questions_); }
+
+ private:
+  std::vector<Question> questions_;
 };
 
 }  // namespace cellmap

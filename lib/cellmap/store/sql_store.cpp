@@ -213,8 +213,12 @@ CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
   const auto state = database_->known.state();  // before it is read
   const auto cell = database_->readers.read([&](SqlConnection& c) {
     const MapRow row = read_map_row(c, map);
-    const auto record = find_cell(c, row.key, id);
-    const auto kept = find_kept(c, row.key, id);
+    std::optional<CellRecord> record;
+    std::optional<KeptRow> kept;
+    Questions questions;
+    ask_cell(questions, row.key, id, [&](CellRecord found) { record = std::move(found); });
+    ask_kept(questions, row.key, id, [&](const KeptRow& found) { kept = found; });
+    questions.ask(c);
     if (!record || !kept) throw no_cell(map, id);
     return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
   });
@@ -400,23 +404,31 @@ void SqlStore::Database::roll_back(SqlConnection& connection) noexcept {
   }
 }
 
-/// One transaction for all, one savepoint for each: a write that fails takes back only its own.
+/// One of several, with a savepoint: one that fails takes back only its own.
+void SqlStore::Database::carry_out(GroupCommit::Write& write) {
+  writer->execute("SAVEPOINT write");
+  try {
+    write.work();
+    writer->settle();
+  } catch (...) {
+    write.failure = std::current_exception();
+    // After a full disk, for example, the engine has rolled back everything itself.
+    if (!writer->in_transaction()) throw;
+    writer->execute("ROLLBACK TO write");
+  }
+  writer->execute("RELEASE write");
+}
+
+/// One transaction for all.
 void SqlStore::Database::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
   SqlConnection& connection = *writer;
   const KnownCells::Change change(known);
   try {
     connection.begin_write();
-    for (GroupCommit::Write* const write : batch) {
-      connection.execute("SAVEPOINT write");
-      try {
-        write->work();
-      } catch (...) {
-        write->failure = std::current_exception();
-        // After a full disk, for example, the engine has rolled back everything itself.
-        if (!connection.in_transaction()) throw;
-        connection.execute("ROLLBACK TO write");
-      }
-      connection.execute("RELEASE write");
+    if (batch.size() == 1) {
+      batch.front()->work();
+    } else {
+      for (GroupCommit::Write* const write : batch) carry_out(*write);
     }
     connection.execute("COMMIT");
   } catch (...) {

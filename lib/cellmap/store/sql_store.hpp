@@ -128,6 +128,7 @@ class SqlStore : public Store,
   struct Database {
     Database(SqlEngine engine, const Store& owner);
     void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
+    void carry_out(GroupCommit::Write& write);
     void require_writable() const;
     static void roll_back(SqlConnection& connection) noexcept;
 

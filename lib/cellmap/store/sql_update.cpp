@@ -7,14 +7,10 @@
 #include "cellmap/store/sql_cells.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/sql_schema.hpp"
+#include "cellmap/store/update_context.hpp"
 
 namespace cellmap {
 namespace {
-
-Bytes to_bytes(const ContentHash& hash) {
-  const auto raw = std::as_bytes(std::span(hash.bytes));
-  return {raw.begin(), raw.end()};
-}
 
 /// The bytes that are kept of a CELL, and what the tables say of them.
 struct Kept {
@@ -40,6 +36,10 @@ class Update {
         revision_(map_.info.revision + 1) {}
 
   const MapInfo& info() const { return map_.info; }
+  /// Before all but `remove_session`.
+  void prepare(const MapUpdate& update) {
+    context_ = read_update_context(connection_, map_.key, update);
+  }
 
   void add_cell(const NewCell& cell, const Bytes& frame);
   void recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame);
@@ -54,18 +54,19 @@ class Update {
 
  private:
   bool is_there_already(const NewCell& cell) const;
+  void remember(const NewCell& cell, const Bytes& frame);
   void begin_session(const NewCell& first);
   void insert_blob(CellId id, const EncodedCell& content, const Bytes& frame);
   void insert_cell(const NewCell& cell);
   void insert_pose(CellId id, const Pose& T_map_cell);
-  std::optional<ConstraintId> find_identical(const Constraint& constraint) const;
-  void require_cell(CellId id) const;
-  void require_constraint(ConstraintId id) const;
+  CellRecord& require_cell(CellId id);
+  Judgement& require_constraint(ConstraintId id);
   void subtract_from_sums(const std::string& session);
 
   SqlConnection& connection_;
   MapRow map_;
   const Revision revision_;
+  UpdateContext context_;
   bool changed_ = false;
 };
 
@@ -77,7 +78,7 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
                     "; build it with the map's lattice");
   }
   if (is_there_already(cell)) return;
-  if (!find_last_cell(connection_, map_.key, cell.cell->session)) begin_session(cell);
+  if (!context_.sessions.contains(cell.cell->session)) begin_session(cell);
   insert_blob(cell.id, cell.coded ? cell.coded->content : cell.encoded, frame);
   insert_cell(cell);
   insert_pose(cell.id, cell.T_map_cell);
@@ -92,22 +93,38 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
   info.scans += cell.scans.size();
   info.raw_points += cell.raw_points;
   info.voxel_points += cell.voxel_points;
+  remember(cell, frame);
   changed_ = true;
 }
 
+/// For what else the update says of it.
+void Update::remember(const NewCell& cell, const Bytes& frame) {
+  const auto& [session, sequence] = std::tie(cell.cell->session, cell.cell->sequence);
+  const Kept kept(cell.encoded, cell.coded);
+  CellRecord& record = context_.cells[cell.id];
+  record.hash = cell.encoded.hash;
+  record.session = session;
+  record.encoded_bytes = cell.encoded.bytes.size();
+  record.T_map_cell = cell.T_map_cell;
+  context_.kept[cell.id] = {to_bytes(kept.content.hash), frame.size()};
+  context_.places.emplace(std::pair(session, sequence), cell.id);
+  context_.sessions.insert(session);
+}
+
 bool Update::is_there_already(const NewCell& cell) const {
-  if (const auto same_id = find_cell(connection_, map_.key, cell.id)) {
-    if (same_id->hash == cell.encoded.hash) return true;
+  if (const auto same_id = context_.cells.find(cell.id); same_id != context_.cells.end()) {
+    if (same_id->second.hash == cell.encoded.hash) return true;
     throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has a CELL " +
                                           std::to_string(cell.id.value) +
                                           " with other content; CELLs never change");
   }
   const auto& [session, sequence] = std::tie(cell.cell->session, cell.cell->sequence);
-  if (const auto same_place = find_cell(connection_, map_.key, session, sequence)) {
+  if (const auto same_place = context_.places.find({session, sequence});
+      same_place != context_.places.end()) {
     throw Error(ErrorCode::kConflict, "map " + map_.info.name + " has session " + session +
                                           ", sequence " + std::to_string(sequence) +
                                           " already as CELL " +
-                                          std::to_string(same_place->id.value));
+                                          std::to_string(same_place->second.value));
   }
   return false;
 }
@@ -124,26 +141,25 @@ void Update::begin_session(const NewCell& first) {
 }
 
 void Update::align(CellId id) {
-  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
-  if (!cell) return require_cell(id);
+  const CellRecord& cell = require_cell(id);
   Query(connection_,
         "UPDATE session SET aligned = ? WHERE map = ? AND name = ? AND aligned IS NULL", revision_,
-        map_.key, cell->session)
+        map_.key, cell.session)
       .run();
   changed_ = true;
 }
 
 void Update::insert_blob(CellId id, const EncodedCell& content, const Bytes& frame) {
   const Bytes hash = to_bytes(content.hash);
-  {
-    Query row(connection_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
-    if (row.next()) {
-      if (row.unsigned64(0) == content.bytes.size()) return;
-      throw Error(ErrorCode::kInvalidArgument,
-                  "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
-    }
+  const auto [there, is_new] = context_.blobs.emplace(content.hash, content.bytes.size());
+  if (!is_new && there->second == content.bytes.size()) return;
+  if (!is_new) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
   }
-  Query(connection_, "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?)",
+  Query(connection_,
+        "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?) "
+        "ON CONFLICT (hash) DO NOTHING",  // one that was recoded may or may not have left it
         hash, content.bytes.size(), to_bytes(sha256(frame)), frame)
       .run();
 }
@@ -164,42 +180,36 @@ void Update::insert_cell(const NewCell& cell) {
 }
 
 void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame) {
-  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
-  if (!cell) return require_cell(id);
-  if (cell->hash != recoded.from) {
+  CellRecord& cell = require_cell(id);
+  if (cell.hash != recoded.from) {
     throw Error(ErrorCode::kPreconditionFailed,
                 "CELL " + std::to_string(id.value) + " of map " + map_.info.name +
                     " has another content by now; read it again and repeat");
   }
   const Kept kept(recoded.encoded, recoded.coded);
-  Bytes before;
-  {
-    Query row(connection_,
-              "SELECT cell.hash, LENGTH(frame) FROM cell JOIN blob ON blob.hash = cell.hash "
-              "WHERE map = ? AND id = ?",
-              map_.key, id.value);
-    row.next();
-    before.assign(row.bytes(0).begin(), row.bytes(0).end());
-    map_.info.stored_bytes -= std::min(map_.info.stored_bytes, row.unsigned64(1));
-  }
+  const UpdateContext::Kept before = context_.kept[id];
   insert_blob(id, kept.content, frame);
-  const bool is_replaced = recoded.encoded.hash != recoded.from;
   Query(connection_,
         "UPDATE cell SET hash = ?, encoded_bytes = ?, encoding = ?, bound_um = ?, identity = ?, "
         "source = ? WHERE map = ? AND id = ?",
         to_bytes(kept.content.hash), recoded.encoded.bytes.size(), kept.encoding(),
         kept.form.bound_um, kept.identity, kept.source, map_.key, id.value)
       .run();
-  if (is_replaced) {
+  if (recoded.encoded.hash != recoded.from) {
     Query(connection_, "UPDATE cell SET replaced = ?, moved = ? WHERE map = ? AND id = ?",
           revision_, revision_, map_.key, id.value)
         .run();
-    insert_pose(id, cell->T_map_cell);  // `moved` names a row of the history
+    insert_pose(id, cell.T_map_cell);  // `moved` names a row of the history
   }
-  delete_unused_blobs(connection_, {before});
-  map_.info.stored_bytes += frame.size();
-  map_.info.encoded_bytes += recoded.encoded.bytes.size();
-  map_.info.encoded_bytes -= std::min(map_.info.encoded_bytes, cell->encoded_bytes);
+  delete_unused_blobs(connection_, {before.hash});
+  context_.blobs.erase(hash_from(before.hash));
+  MapInfo& info = map_.info;
+  info.stored_bytes -= std::min(info.stored_bytes, before.frame_bytes);
+  info.stored_bytes += frame.size();
+  info.encoded_bytes += recoded.encoded.bytes.size();
+  info.encoded_bytes -= std::min(info.encoded_bytes, cell.encoded_bytes);
+  cell.hash = recoded.encoded.hash;
+  cell.encoded_bytes = recoded.encoded.bytes.size();
   changed_ = true;
 }
 
@@ -217,9 +227,8 @@ void Update::insert_pose(CellId id, const Pose& T_map_cell) {
 }
 
 void Update::move_cell(CellId id, const Pose& T_map_cell) {
-  const std::optional<CellRecord> cell = find_cell(connection_, map_.key, id);
-  if (!cell) require_cell(id);
-  if (cell->T_map_cell.matrix() == T_map_cell.matrix()) return;
+  CellRecord& cell = require_cell(id);
+  if (cell.T_map_cell.matrix() == T_map_cell.matrix()) return;
   const Eigen::Vector3d& position = T_map_cell.translation();
   Query(connection_,
         "UPDATE cell SET moved = ?, x = ?, y = ?, z = ?, rotation = ?, gx = ?, gy = ? "
@@ -228,25 +237,22 @@ void Update::move_cell(CellId id, const Pose& T_map_cell) {
         grid_key(position.x()), grid_key(position.y()), map_.key, id.value)
       .run();
   insert_pose(id, T_map_cell);
+  cell.T_map_cell = T_map_cell;
   changed_ = true;
 }
 
-void Update::require_cell(CellId id) const {
-  Query row(connection_, "SELECT 1 FROM cell WHERE map = ? AND id = ?", map_.key, id.value);
-  if (!row.next()) {
-    throw Error(ErrorCode::kNotFound,
-                "map " + map_.info.name + " has no CELL " + std::to_string(id.value));
-  }
+CellRecord& Update::require_cell(CellId id) {
+  const auto found = context_.cells.find(id);
+  if (found != context_.cells.end()) return found->second;
+  throw Error(ErrorCode::kNotFound,
+              "map " + map_.info.name + " has no CELL " + std::to_string(id.value));
 }
 
-void Update::require_constraint(ConstraintId id) const {
-  Query row(connection_,
-            "SELECT 1 FROM pose_constraint WHERE map = ? AND id = ? AND removed IS NULL", map_.key,
-            id.value);
-  if (!row.next()) {
-    throw Error(ErrorCode::kNotFound,
-                "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
-  }
+Judgement& Update::require_constraint(ConstraintId id) {
+  const auto found = context_.constraints.find(id);
+  if (found != context_.constraints.end()) return found->second;
+  throw Error(ErrorCode::kNotFound,
+              "map " + map_.info.name + " has no constraint " + std::to_string(id.value));
 }
 
 void Update::remove_constraint(ConstraintId id) {
@@ -254,27 +260,17 @@ void Update::remove_constraint(ConstraintId id) {
   Query(connection_, "UPDATE pose_constraint SET removed = ? WHERE map = ? AND id = ?", revision_,
         map_.key, id.value)
       .run();
+  context_.constraints.erase(id);
   map_.info.constraints -= 1;
   changed_ = true;
-}
-
-std::optional<ConstraintId> Update::find_identical(const Constraint& constraint) const {
-  Query row(connection_,
-            "SELECT id FROM pose_constraint WHERE map = ? AND from_cell = ? AND to_cell = ? "
-            "AND kind = ? AND origin = ? AND T_from_to = ? AND information = ? "
-            "AND removed IS NULL ORDER BY id LIMIT 1",
-            map_.key, constraint.from.value, constraint.to.value,
-            static_cast<std::uint32_t>(constraint.kind),
-            static_cast<std::uint32_t>(constraint.origin), pose_to_bytes(constraint.T_from_to),
-            information_to_bytes(constraint.information));
-  if (!row.next()) return std::nullopt;
-  return ConstraintId{row.unsigned32(0)};
 }
 
 ConstraintId Update::add_constraint(const Constraint& constraint) {
   require_cell(constraint.from);
   require_cell(constraint.to);
-  if (const auto identical = find_identical(constraint)) return *identical;
+  const UpdateContext::Likeness like = UpdateContext::likeness(constraint);
+  const auto alike = context_.alike.find(like);
+  if (alike != context_.alike.end()) return alike->second;
   if (map_.next_constraint == std::numeric_limits<std::uint32_t>::max()) {
     throw Error(ErrorCode::kTooLarge, "map " + map_.info.name + " has used up its constraint ids");
   }
@@ -282,24 +278,18 @@ ConstraintId Update::add_constraint(const Constraint& constraint) {
   Query(connection_,
         "INSERT INTO pose_constraint (map, id, added, from_cell, to_cell, kind, origin, T_from_to, "
         "information, scores, weight, pinned) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        map_.key, id.value, revision_, constraint.from.value, constraint.to.value,
-        static_cast<std::uint32_t>(constraint.kind), static_cast<std::uint32_t>(constraint.origin),
-        pose_to_bytes(constraint.T_from_to), information_to_bytes(constraint.information),
-        scores_to_bytes(constraint.scores), constraint.weight, constraint.pinned ? 1u : 0u)
+        map_.key, id.value, revision_, like.from.value, like.to.value, like.kind, like.origin,
+        like.T_from_to, like.information, scores_to_bytes(constraint.scores), constraint.weight,
+        constraint.pinned ? 1u : 0u)
       .run();
+  context_.alike.emplace(like, id);
   map_.info.constraints += 1;
   changed_ = true;
   return id;
 }
 
 void Update::judge(ConstraintId id, const Judgement& judgement) {
-  require_constraint(id);
-  {
-    Query row(connection_, "SELECT weight, pinned FROM pose_constraint WHERE map = ? AND id = ?",
-              map_.key, id.value);
-    row.next();
-    if (Judgement{row.real(0), row.integer(1) != 0} == judgement) return;
-  }
+  if (require_constraint(id) == judgement) return;
   Query(connection_,
         "UPDATE pose_constraint SET weight = ?, pinned = ?, judged = ? WHERE map = ? AND id = ?",
         judgement.weight, judgement.pinned ? 1u : 0u, revision_, map_.key, id.value)
@@ -392,6 +382,7 @@ CommitResult apply_update(SqlConnection& connection, const std::string& map,
                     "; read it again and repeat");
   }
   for (const std::string& session : update.remove_sessions) writer.remove_session(session);
+  writer.prepare(update);
   for (std::size_t i = 0; i < update.cells.size(); ++i) {
     writer.add_cell(update.cells[i], frames.cells[i]);
   }
