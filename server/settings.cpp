@@ -93,7 +93,7 @@ void add_options(CLI::App& app, Settings& settings) {
       ->check(CLI::Range(0, 1024));
   app.add_option("--place-memory", settings.place_memory_mib,
                  "MiB for what relocalisation knows of CELLs, 1.2 kB each; what was used longest "
-                 "ago makes room and is made again from its CELLs when it is needed")
+                 "ago makes room and is read again from the store when it is needed")
       ->check(CLI::Range(1, 1'000'000));
   app.add_option("--max-connections", settings.max_connections,
                  "Held open; beyond them the longest idle one makes room")

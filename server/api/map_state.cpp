@@ -59,7 +59,7 @@ void TargetCache::erase(std::uint64_t map_key, CellId id) {
   by_key_.erase(found);
 }
 
-MapState::MapState(const Store& store, TargetCache& cache, PartCache& parts,
+MapState::MapState(Store& store, TargetCache& cache, PartCache& parts,
                    std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
                    std::uint64_t key)
     : store_(store),

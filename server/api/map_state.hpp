@@ -46,7 +46,7 @@ class TargetCache {
 /// Thread safe.
 class MapState {
  public:
-  MapState(const Store& store, TargetCache& cache, PartCache& parts,
+  MapState(Store& store, TargetCache& cache, PartCache& parts,
            std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
            std::uint64_t key);
 
@@ -86,7 +86,7 @@ class MapState {
  private:
   std::shared_ptr<DescribedCells> described_cells() const;
 
-  const Store& store_;
+  Store& store_;
   TargetCache& cache_;
   PartCache& parts_;
   std::shared_ptr<const Lattice> lattice_;

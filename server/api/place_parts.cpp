@@ -6,11 +6,13 @@
 #include <vector>
 
 #include "cellmap/cell/cell.hpp"
+#include "cellmap/core/error.hpp"
+#include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/read_cell.hpp"
 
 namespace cellmap::server {
 
-DescribedCells::DescribedCells(const Store& store, PartCache& cache, std::string map,
+DescribedCells::DescribedCells(Store& store, PartCache& cache, std::string map,
                                std::shared_ptr<const Lattice> lattice)
     : store_(store),
       cache_(cache),
@@ -51,15 +53,35 @@ std::shared_ptr<const PlacePart> DescribedCells::made_part(
                          std::back_inserter(ids));
   auto part = std::make_shared<PlacePart>();
   part->reserve(ids.size());
+  std::vector<CellId> unknown;
   for (const CellId id : ids) {
     const DescribedPlace* described = earlier ? earlier->find(id) : nullptr;
-    part->put(id, described ? *described : describe(id));
+    described ? part->put(id, *described) : unknown.push_back(id);
   }
+  read_or_make(std::move(unknown), *part);
   return part;
 }
 
-DescribedPlace DescribedCells::describe(CellId id) const {
-  return describe_place(reconstruct_points(read_cell(store_, map_, id), *lattice_));
+void DescribedCells::read_or_make(std::vector<CellId> ids, PlacePart& part) const {
+  if (ids.empty()) return;
+  Descriptions& kept = descriptions_of(store_);
+  for (const CellDescription& one : kept.descriptions(map_, ids)) {
+    if (const auto place = described_place_from_bytes(one.bytes)) part.put(one.cell, *place);
+  }
+  std::erase_if(ids, [&](CellId id) { return part.find(id) != nullptr; });
+  std::vector<CellDescription> made;
+  for (const CellId id : ids) {
+    const StoredCell stored = store_.stored_cell(map_, id);
+    const DescribedPlace place = describe_place(reconstruct_points(cell_of(stored), *lattice_));
+    part.put(id, place);
+    made.push_back({id, stored.hash, to_bytes(place)});
+  }
+  if (made.empty()) return;
+  try {
+    kept.keep_descriptions(map_, made);
+  } catch (const Error&) {
+    // A full disk, say: they are made again the next time, and the query has its answer.
+  }
 }
 
 std::shared_ptr<const PlacePart> PartsOfGraph::part(const RegionKey& region) const {

@@ -54,6 +54,36 @@ TEST(CompactSignature, OfNothingAgreesWithNothing) {
   EXPECT_EQ(nothing.correlate(PlaceSignature(Columns(town(1)))).cwiseAbs().maxCoeff(), 0.0f);
 }
 
+TEST(DescribedPlace, ComesBackFromItsBytes) {
+  const Pose leaning =
+      sensor_at(0, 0, 0) * Pose(Eigen::AngleAxisd(0.1, Eigen::Vector3d(0.6, 0.8, 0)));
+  const DescribedPlace place = describe_place(seen(town(4), leaning));
+  const auto bytes = to_bytes(place);
+  EXPECT_LE(bytes.size(), 1250u);
+  const auto back = described_place_from_bytes(bytes);
+  ASSERT_TRUE(back);
+  EXPECT_EQ(back->T_ground_cell.matrix(), place.T_ground_cell.matrix());
+  EXPECT_EQ(back->signature.expanded().cosine(), place.signature.expanded().cosine());
+  EXPECT_EQ(back->signature.expanded().sine(), place.signature.expanded().sine());
+  EXPECT_EQ(back->signature.expanded().energy(), place.signature.expanded().energy());
+}
+
+TEST(DescribedPlace, BytesThatDescribeNothingAreDescribedAnew) {
+  const auto bytes = to_bytes(describe_place(seen(town(4), sensor_at(0, 0, 0))));
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    EXPECT_FALSE(described_place_from_bytes(std::span(bytes).first(size))) << size;
+  }
+  auto longer = bytes;
+  longer.push_back({});
+  EXPECT_FALSE(described_place_from_bytes(longer));
+  auto another_form = bytes;
+  another_form[0] = std::byte{2};
+  EXPECT_FALSE(described_place_from_bytes(another_form));
+  auto no_pose = bytes;
+  std::fill(no_pose.end() - 96, no_pose.end(), std::byte{0xff});  // not numbers
+  EXPECT_FALSE(described_place_from_bytes(no_pose));
+}
+
 TEST(DescribedPlace, IsSmall) { EXPECT_LE(sizeof(DescribedPlace), 1300u); }
 
 std::shared_ptr<const PlacePart> part_of(std::uint32_t cells) {

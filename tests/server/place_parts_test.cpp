@@ -4,8 +4,10 @@
 
 #include <thread>
 
+#include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/read_cell.hpp"
 #include "server/server_fixture.hpp"
+#include "support/expect_error.hpp"
 
 namespace cellmap::server::test {
 namespace {
@@ -36,6 +38,14 @@ class PlacePartsTest : public ApiTest {
     MapUpdate update;
     update.poses[id] = T;
     store_->commit("town", update);
+  }
+
+  void damage_the_cells_far_away() {
+    SQLite::Database db((folder_.path() / "store.db").string(), SQLite::OPEN_READWRITE);
+    SQLite::Statement update(db,
+                             "UPDATE blob SET frame = x'00' WHERE hash IN "
+                             "(SELECT hash FROM cell WHERE session = 'again')");
+    ASSERT_EQ(update.exec(), 4);
   }
 
   Json relocalise(const std::string& query, const PointCloud& scan) {
@@ -72,6 +82,25 @@ TEST_F(PlacePartsTest, APartHasTheCellsOfItsRegionAndIsAtHandFromThenOn) {
   EXPECT_EQ(made.signature.expanded().cosine(), expected.signature.expanded().cosine());
 }
 
+TEST_F(PlacePartsTest, WhatWasDescribedOnceIsReadFromTheStoreFromThenOn) {
+  const PlaceRegions all = regions();
+  const auto& far = all.all()[1];
+  const auto made = described().part(far);
+  damage_the_cells_far_away();  // nobody looks at them again
+  start();
+  const auto read = described().part(far);
+  ASSERT_EQ(read->ids(), far.ids);
+  for (const CellId id : far.ids) {
+    EXPECT_EQ(to_bytes(*read->find(id)), to_bytes(*made->find(id))) << id.value;
+  }
+  // In a form that this program does not know, it is no description.
+  auto bytes = to_bytes(*made->find(far.ids[0]));
+  bytes[0] = std::byte{99};
+  descriptions_of(*store_).keep_descriptions(
+      "town", {{far.ids[0], store_->cell("town", far.ids[0]).hash, bytes}});
+  cellmap::test::expect_error(ErrorCode::kCorruptData, [&] { described().part(far); });
+}
+
 TEST_F(PlacePartsTest, ACellThatMovesIsFoundInItsNewRegion) {
   DescribedCells cells = described();
   const PlaceRegions before = regions();
@@ -103,13 +132,7 @@ TEST_F(PlacePartsTest, CellsThatLeftDoNotOutgrowThoseThatAreThere) {
 
 /// The bytes of a CELL far away cannot be read: nobody notices who knows where he is.
 TEST_F(PlacePartsTest, WithAPriorOnlyTheRegionsWithinReachAreRead) {
-  {
-    SQLite::Database db((folder_.path() / "store.db").string(), SQLite::OPEN_READWRITE);
-    SQLite::Statement update(db,
-                             "UPDATE blob SET frame = x'00' WHERE hash IN "
-                             "(SELECT hash FROM cell WHERE session = 'again')");
-    ASSERT_EQ(update.exec(), 4);
-  }
+  damage_the_cells_far_away();
   start();
   const Json found = relocalise("?prior=8,0,0,0,0,0,1&radius=3", scan_at(8.2, 0.4, 4));
   EXPECT_TRUE(found["found"]) << found.dump();

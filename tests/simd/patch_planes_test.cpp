@@ -60,9 +60,9 @@ void expect_slow_prediction(const PatchFrames& frames, const PatchNeighbours& ar
                             const PatchPredictions& fast, std::size_t k) {
   const SlowFrame frame(frames, k);
   std::vector<Whole> seen;
-  for (const PatchVectors& m : around.m) {
-    const Whole p =
-        frame.to_patch({std::int64_t(m[0][k]), std::int64_t(m[1][k]), std::int64_t(m[2][k])});
+  for (std::size_t n = 0; n < PatchNeighbours::kMost; ++n) {
+    const PatchNeighbours::Numbers m = around.at(n, k);
+    const Whole p = frame.to_patch({std::int64_t(m[0]), std::int64_t(m[1]), std::int64_t(m[2])});
     if (is_in_range(p)) seen.push_back(p);
   }
   ASSERT_EQ(fast.neighbours[k], double(seen.size()));
@@ -103,8 +103,8 @@ void expect_slow_fit(const PatchFrames& frames, const PatchNeighbours& around, d
   std::vector<double> x, y, e;
   std::vector<std::int64_t> w;
   const auto plane_of = [&](std::size_t n) {
-    const PatchVectors& m = around.m[n];
-    return frame.to_patch({std::int64_t(m[0][k]), std::int64_t(m[1][k]), std::int64_t(m[2][k])});
+    const PatchNeighbours::Numbers m = around.at(n, k);
+    return frame.to_patch({std::int64_t(m[0]), std::int64_t(m[1]), std::int64_t(m[2])});
   };
   for (std::size_t n = 0; n < PatchNeighbours::kMost; ++n) {
     if (is_in_range(plane_of(n))) w.push_back(plane_of(n)[0]);
@@ -116,8 +116,8 @@ void expect_slow_fit(const PatchFrames& frames, const PatchNeighbours& around, d
     if (!is_in_range(p) || std::abs(p[0] - median) > median / 16) continue;
     std::array<double, 3> u, more;
     for (int i = 0; i < 3; ++i) {
-      u[i] = around.u[n][i][k];
-      more[i] = around.m[n][i][k] - mean.m[i][k];
+      u[i] = around.at(n, k)[3 + i];
+      more[i] = around.at(n, k)[i] - mean.m[i][k];
     }
     seen.push_back(p);
     x.push_back(u[0] * frame.t1[0] + u[1] * frame.t1[1]);
@@ -153,14 +153,35 @@ void expect_slow_fit(const PatchFrames& frames, const PatchNeighbours& around, d
   EXPECT_EQ(fast.s_spread[k], s_spread);
 }
 
-void expect_slow_expectation(const PatchPredictions& p, const ExpectedPlanes& fast, std::size_t k) {
+/// How often a step must be doubled to be more than the spread, or halved so that it still is.
+int slow_doublings(double spread, double step) {
+  int doublings = 0;
+  for (; step <= spread; step *= 2) ++doublings;
+  for (; step / 2 > spread; step /= 2) --doublings;
+  return doublings;
+}
+
+void expect_slow_expectation(const PatchPredictions& p, const FacingSteps& steps,
+                             const ExpectedPlanes& fast, std::size_t k) {
   const double i = 1 / p.w[k], r = 0x1p28 * i, l1 = p.s1[k] * i, l2 = p.s2[k] * i;
   EXPECT_EQ(fast.range_m[k], r);
   EXPECT_EQ(fast.s1[k], l1);
   EXPECT_EQ(fast.s2[k], l2);
-  EXPECT_EQ(fast.secant[k], std::sqrt((1 + l1 * l1) + l2 * l2));
-  EXPECT_EQ(fast.range_spread[k], (p.w_spread[k] * r) * i);
-  EXPECT_EQ(fast.slope_spread[k], p.s_spread[k] * i);
+  const double secant = std::sqrt((1 + l1 * l1) + l2 * l2), agreeing = std::min(p.agreeing[k], 5.0);
+  EXPECT_EQ(fast.secant[k], secant);
+  EXPECT_EQ(fast.agreeing[k], agreeing);
+  const double range_spread = (p.w_spread[k] * r) * i, slope_spread = p.s_spread[k] * i;
+  EXPECT_EQ(fast.slope_spread[k], slope_spread);
+  for (int scale = 0; scale < 2; ++scale) {
+    const double range_step = (steps.range[scale] * secant) * agreeing;
+    const double slope_step = ((steps.slope[scale] * secant) / r) * agreeing;
+    if (range_spread > 0) {
+      EXPECT_EQ(fast.range_doublings[scale][k], slow_doublings(2 * range_spread, range_step));
+    }
+    if (slope_spread > 0) {
+      EXPECT_EQ(fast.slope_doublings[scale][k], slow_doublings(slope_spread, slope_step));
+    }
+  }
 }
 
 void expect_slow_plane(const PatchFrames& frames, const LeaningPlanes& planes,
@@ -204,11 +225,13 @@ PatchNeighbours some_neighbours(const PatchFrames& frames, std::mt19937& rng) {
     const std::size_t count = rng() % (PatchNeighbours::kMost + 1);
     for (std::size_t n = 0; n < count; ++n) {
       const double noise = rng() % 4 ? 0.03 : 2;
+      PatchNeighbours::Numbers numbers;
       for (int i = 0; i < 3; ++i) {
         const double m = size * (frames.u[i][k] + noise * normal(rng));
-        around.m[n][i][k] = std::floor(std::clamp(m, -0x1p30 * 1.7, 0x1p30 * 1.7));
-        around.u[n][i][k] = frames.u[i][k] + 0.02 * normal(rng);
+        numbers[i] = std::floor(std::clamp(m, -0x1p30 * 1.7, 0x1p30 * 1.7));
+        numbers[3 + i] = frames.u[i][k] + 0.02 * normal(rng);
       }
+      around.set(n, k, numbers);
     }
   }
   return around;
@@ -228,7 +251,8 @@ TEST(PatchPlanes, AreThoseOfIntegersOnEveryInstructionSet) {
       PatchPredictions fitted;
       fit_planes(frames, around, 1e-4, kMostPatches, fitted);
       ExpectedPlanes expected;
-      expect_planes(predictions, 0, kMostPatches, expected);
+      const FacingSteps steps = {{0.014, 0.021}, {2.25, 3.375}};
+      expect_planes(predictions, steps, 0, kMostPatches, expected);
       LeaningPlanes leaning;
       for (std::size_t k = 0; k < kMostPatches; ++k) {
         leaning.range_m[k] = std::exp2(14.0 * normal(rng) / 4 + 3);
@@ -240,7 +264,7 @@ TEST(PatchPlanes, AreThoseOfIntegersOnEveryInstructionSet) {
       for (std::size_t k = 0; k < kMostPatches; ++k) {
         expect_slow_prediction(frames, around, predictions, k);
         expect_slow_fit(frames, around, 1e-4, predictions, fitted, k);
-        if (predictions.neighbours[k] > 0) expect_slow_expectation(predictions, expected, k);
+        if (predictions.neighbours[k] > 0) expect_slow_expectation(predictions, steps, expected, k);
         expect_slow_plane(frames, leaning, rebuilt, k);
       }
     }
@@ -265,11 +289,13 @@ TEST(PatchPlanes, FittedToCentresOfAPlaneAreThatPlaneThoughSlopesAreWrong) {
       // Neighbours on one side; the plane leans by half, their slopes say that it does not.
       const double x = 0.02 + 0.005 * double(n), y = 0.01 * normal(rng);
       const double at = size * (1 + 0.5 * x) / (1 + x * x + y * y);
+      PatchNeighbours::Numbers numbers;
       for (int i = 0; i < 3; ++i) {
         const double u = along(1, x, y, i);
-        around.u[n][i][k] = u;
-        around.m[n][i][k] = std::floor(at * u);
+        numbers[i] = std::floor(at * u);
+        numbers[3 + i] = u;
       }
+      around.set(n, k, numbers);
     }
   }
   PatchPredictions mean, fitted;

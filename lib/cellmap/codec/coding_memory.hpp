@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "cellmap/cell/cell.hpp"
+#include "cellmap/simd/patch_planes.hpp"
 
 namespace cellmap {
 
@@ -12,12 +13,6 @@ namespace cellmap {
 /// units of 2^-28 per metre.
 struct InversePlane {
   double x = 0, y = 0, z = 0;
-};
-
-/// A plane that later patches are predicted by.
-struct KnownPlane {
-  InversePlane m;
-  std::array<double, 3> u{};  ///< direction of its patch
 };
 
 /// Ascending lattice indices and their planes.
@@ -33,7 +28,7 @@ struct CodingMemory {
   // one where there are so many planes.
   std::vector<std::uint16_t> slots;
   std::vector<std::uint8_t> high_slots;
-  std::vector<KnownPlane> known;
+  std::vector<simd::PatchNeighbours::Numbers> known;
   std::vector<std::uint8_t> seen;  ///< by place, whether it has a plane
   std::array<DecodedPlanes, 2> layers;
 };

@@ -55,18 +55,16 @@ StepRule::StepRule(double bound_m, double patch_radius_rad, CompactVersion versi
 
 void BatchContext::set(const simd::PatchPredictions& predictions, const StepRule& rule,
                        std::size_t begin, std::size_t end) {
-  simd::expect_planes(predictions, begin, end, expected);
+  simd::expect_planes(predictions, rule.facing(), begin, end, expected);
   for (std::size_t k = begin; k < end; ++k) {
-    const int agree = std::min(static_cast<int>(predictions.agreeing[k]), 5);
-    agreeing[k] = static_cast<std::uint8_t>(agree);
-    row[k] = static_cast<std::uint8_t>(agree == 0 ? 0 : agree / 2 + 1);
+    const int agreeing = static_cast<int>(expected.agreeing[k]);
+    row[k] = static_cast<std::uint8_t>(agreeing == 0 ? 0 : agreeing / 2 + 1);
+    has_two[k] = agreeing >= 2;
     has_outliers[k] = predictions.neighbours[k] > predictions.agreeing[k];
-    const PlaneContext plane(*this, k, rule);
-    range_level[k] = static_cast<std::uint8_t>(plane.range_level_at(0));
-    slope_level[k] =
-        static_cast<std::uint8_t>(plane.slope_level_at(plane.slope_step(0, expected.range_m[k])));
   }
 }
+
+int PlaneContext::unexpected(int level) { return level; }
 
 CompactState::CompactState(CodingLattice& coding_lattice, std::size_t planes, double bound_m,
                            CompactVersion coding_version)

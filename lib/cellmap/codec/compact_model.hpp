@@ -70,18 +70,24 @@ class StepRule {
   double of_slopes(double secant, int scale, double range_m) const {
     return slope_ * factors_[scale - kFinestScale] * secant / range_m;
   }
+  simd::FacingSteps facing() const {
+    const double one = factors_[1 - kFinestScale];  // that of scale 0 is 1
+    return {{range_, range_ * one}, {slope_, slope_ * one}};
+  }
 
  private:
   double range_, slope_;
   std::array<double, kCoarsestScale - kFinestScale + 1> factors_;
 };
 
-/// How often `step` must be doubled to be more than `spread`, at most kContextLevels - 1 times; for
-/// a spread and a step that are not negative. Doubling adds one to the exponent, and numbers are
-/// ordered as their bits are.
+/// How often `step` must be doubled to be more than `spread`, as simd::expect_planes counts.
 inline int doublings(double spread, double step) {
   const auto by = std::bit_cast<std::int64_t>(spread) - std::bit_cast<std::int64_t>(step);
-  return static_cast<int>(std::clamp<std::int64_t>((by >> 52) + 1, 0, kContextLevels - 1));
+  return static_cast<int>(by >> 52) + 1;
+}
+
+constexpr int level_of(std::int64_t doublings) {
+  return static_cast<int>(std::clamp<std::int64_t>(doublings, 0, kContextLevels - 1));
 }
 
 inline int size_class(std::int64_t value) {
@@ -98,14 +104,12 @@ struct CodedPlane {
   std::array<std::uint32_t, 4> raw{};
 };
 
-/// What the planes of a batch are coded with.
+/// What the planes of a batch are coded with. Known before a plane's first number is, so that
+/// nothing waits for it.
 struct BatchContext {
   simd::ExpectedPlanes expected;
-  std::array<std::uint8_t, simd::kMostPatches> agreeing;  ///< at most 5
-  std::array<std::uint8_t, simd::kMostPatches> row;       ///< by `agreeing`: 0 to 3
-  // By their spread, in nominal steps. Known before a plane's first number is, so that nothing
-  // waits for them; that of the slopes is for a plane in the expected range.
-  std::array<std::uint8_t, simd::kMostPatches> range_level, slope_level;
+  std::array<std::uint8_t, simd::kMostPatches> row;  ///< by how many neighbours agree: 0 to 3
+  std::array<bool, simd::kMostPatches> has_two;      ///< or more that agree
   std::array<bool, simd::kMostPatches> has_outliers;
 
   /// Of the patches from `begin` to `end`.
@@ -130,15 +134,23 @@ class PlaneContext {
 
   /// By how many neighbours agree: 0 to 3.
   int row() const { return batch_.row[k_]; }
-  /// By how far neighbours that agree are apart, in steps: 0 to kContextLevels - 1.
-  int scale_level() const { return batch_.slope_level[k_]; }
+  // By how far neighbours that agree are apart, in steps: 0 to kContextLevels - 1. Steps of scale s
+  // are 2^(s >> 1) times as long as those of s & 1.
+  int scale_level() const { return expected_slope_level(0); }
   int range_level(int scale) const {
-    return scale == 0 ? batch_.range_level[k_] : range_level_at(scale);
+    if (!batch_.has_two[k_]) return level_of(scale + 3);
+    return level_of(batch_.expected.range_doublings[scale & 1][k_] - (scale >> 1));
   }
   int slope_level(const CodedPlane& coded) const {
-    return coded.scale == 0 && coded.range == 0
-               ? batch_.slope_level[k_]
-               : slope_level_at(std::abs(slope_step(coded.scale, range_m(coded))));
+    const int expected = expected_slope_level(coded.scale);
+    if (coded.range == 0 || !batch_.has_two[k_]) return expected;
+    const double step = std::abs(slope_step(coded.scale, range_m(coded)));
+    const int level =
+        level_of(doublings(batch_.expected.slope_spread[k_], step * batch_.expected.agreeing[k_]));
+    // Nearly always the same, and then nothing waits for the division.
+    if (level != expected) [[unlikely]]
+      return unexpected(level);
+    return expected;
   }
 
   double range_m(const CodedPlane& coded) const {
@@ -154,17 +166,13 @@ class PlaneContext {
   }
 
  private:
-  friend BatchContext;
-
-  int agreeing() const { return batch_.agreeing[k_]; }
-  int range_level_at(int scale) const {
-    if (agreeing() < 2) return std::clamp(scale + 3, 0, kContextLevels - 1);
-    return doublings(2 * batch_.expected.range_spread[k_], range_step(scale) * agreeing());
+  /// For a plane in the expected range.
+  int expected_slope_level(int scale) const {
+    if (!batch_.has_two[k_]) return batch_.has_outliers[k_];
+    return level_of(batch_.expected.slope_doublings[scale & 1][k_] - (scale >> 1));
   }
-  int slope_level_at(double step) const {
-    return agreeing() < 2 ? batch_.has_outliers[k_]
-                          : doublings(batch_.expected.slope_spread[k_], step * agreeing());
-  }
+  /// A call, so that the processor goes on with what is expected instead of a conditional move.
+  [[gnu::noinline, gnu::cold]] static int unexpected(int level);
 
   const BatchContext& batch_;
   std::size_t k_;

@@ -6,13 +6,12 @@
 
 namespace cellmap {
 
-void IndexContexts::enter(std::uint32_t begin, int layer) {
-  is_whole_ = false;
-  if (!sphere_.points.empty()) return;  // points of a block do not follow one another
+bool IndexContexts::enter(std::uint32_t begin, int layer) {
+  if (!sphere_.points.empty()) return false;  // points of a block do not follow one another
   const std::uint32_t first = layer == 0 ? 0 : 1, last = layer == 0 ? 0 : kCoarsePoints - 1;
   for (std::uint32_t rest = first; rest <= last; ++rest) {
     const auto& [offsets, least_step] = belts_.at(begin + rest);
-    if (least_step < kIndexBlock) return;
+    if (least_step < kIndexBlock) return false;
     std::array<std::uint8_t, kIndexBlock>& bits = of_block_[rest];
     bits.fill(0);
     for (const std::int32_t offset : offsets) {
@@ -22,15 +21,28 @@ void IndexContexts::enter(std::uint32_t begin, int layer) {
       }
     }
   }
-  is_whole_ = true;
+  return true;
 }
 
-std::uint8_t IndexContexts::single(std::uint32_t point) const {
+std::uint8_t IndexContexts::of(std::uint32_t point) const {
   std::uint32_t bits = 0;
   for (const std::int32_t offset : belts_.offsets_at(point)) {
     bits = bits << 1 | seen_[static_cast<std::ptrdiff_t>(point) + offset];
   }
   return static_cast<std::uint8_t>(bits);
+}
+
+std::uint64_t points_in_layer(const LatticeSphere& sphere, std::uint32_t begin, int layer) {
+  const std::uint32_t count = std::min(kIndexBlock, sphere.count - begin);
+  if (sphere.points.empty()) {
+    constexpr std::uint64_t kCoarse = 0x1111111111111111;  // every fourth: a block begins at one
+    return (layer == 0 ? kCoarse : ~kCoarse) & (~std::uint64_t{0} >> (kIndexBlock - count));
+  }
+  std::uint64_t points = 0;
+  for (std::uint32_t k = 0; k < count; ++k) {
+    points |= std::uint64_t{layer_of(sphere.point(begin + k)) == layer} << k;
+  }
+  return points;
 }
 
 void check_count(const std::vector<std::uint32_t>& indices, std::size_t count) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <type_traits>
 #include <utility>
@@ -41,22 +42,45 @@ class IndexContexts {
       : sphere_(sphere), belts_(belts), seen_(seen) {}
 
   /// Makes out those of a whole block side by side where none of its points is another's neighbour,
-  /// which is nearly everywhere.
-  void enter(std::uint32_t begin, int layer);
+  /// which is nearly everywhere. Else returns false.
+  bool enter(std::uint32_t begin, int layer);
 
-  std::uint8_t of(std::uint32_t k, std::uint32_t point) const {
-    return is_whole_ ? of_block_[point % kCoarsePoints][k % kIndexBlock] : single(point);
-  }
+  /// Of point k of the block that was entered.
+  std::uint8_t of_entered(int k) const { return of_block_[k % kCoarsePoints][k]; }
+  std::uint8_t of(std::uint32_t point) const;
 
  private:
-  std::uint8_t single(std::uint32_t point) const;
-
   const LatticeSphere& sphere_;
   LatticeBelts& belts_;
   const std::uint8_t* seen_;
-  bool is_whole_ = false;
   std::array<std::array<std::uint8_t, kIndexBlock>, kCoarsePoints> of_block_;
 };
+
+/// Calls `use(k)` for each bit k, ascending.
+template <typename Use>
+[[gnu::always_inline]] inline void visit_bits(std::uint64_t bits, const Use& use) {
+  for (; bits != 0; bits &= bits - 1) use(std::countr_zero(bits));
+}
+
+/// Which points of the block that begins at `begin` are of a layer, a bit each.
+std::uint64_t points_in_layer(const LatticeSphere& sphere, std::uint32_t begin, int layer);
+
+/// Which of `points` have a plane: `members`, which a decoder reads. `context_of(k)` is asked after
+/// `found(j)` was called for every j < k that has one.
+template <typename Coder, typename ContextOf, typename Found>
+[[gnu::always_inline]] inline std::uint64_t code_members(Coder& coder, IndexModel& model,
+                                                         std::uint64_t points,
+                                                         std::uint64_t members,
+                                                         const ContextOf& context_of,
+                                                         const Found& found) {
+  std::uint64_t read = 0;
+  visit_bits(points, [&](int k) {
+    if (!coder.bit(model.member[context_of(k)], members >> k & 1)) return;
+    read |= std::uint64_t{1} << k;
+    found(k);
+  });
+  return read;
+}
 
 /// Codes for each lattice point of a layer whether it has a plane: `has_plane` has a byte of 0 or 1
 /// for each. About 0.14 bytes a plane.
@@ -69,29 +93,35 @@ void code_index(Coder& shared_coder, IndexModel& model, CodingLattice& lattice, 
   index.of_layer.clear();
   for (std::size_t s = 0; s < lattice.spheres.size(); ++s) {
     const LatticeSphere& sphere = lattice.spheres[s];
-    const std::uint8_t* const values = is_decoder ? nullptr : index.has_plane.data() + sphere.first;
     std::uint8_t* const seen = index.seen.data() + lattice.first_place[s];
     IndexContexts contexts(sphere, lattice.belts[s], seen);
     bool any = false;
     for (std::uint32_t begin = 0; begin < sphere.count; begin += kIndexBlock) {
-      const std::uint32_t end = std::min(begin + kIndexBlock, sphere.count);
-      bool now = false;
-      for (std::uint32_t k = is_decoder ? end : begin; k < end; ++k) {
-        now |= values[k] != 0 && layer_of(sphere.point(k)) == layer;
+      const std::uint64_t points = points_in_layer(sphere, begin, layer);
+      std::uint64_t members = 0;
+      if constexpr (!is_decoder) {
+        visit_bits(points, [&](int k) {
+          members |= std::uint64_t{index.has_plane[sphere.first + begin + k]} << k;
+        });
       }
       const bool before = !index.was_any.empty() && index.was_any[any_in.size()];
-      any = coder.bit(model.block[2 * any + before], now);
+      any = coder.bit(model.block[2 * any + before], members != 0);
       any_in.push_back(any);
       if (!any) continue;
-      contexts.enter(begin, layer);
-      for (std::uint32_t k = begin; k < end; ++k) {
-        const std::uint32_t point = sphere.point(k);
-        if (layer_of(point) != layer) continue;
-        const bool value = !is_decoder && values[k] != 0;
-        if (!coder.bit(model.member[contexts.of(k, point)], value)) continue;
-        seen[point] = 1;
-        index.of_layer.push_back(sphere.first + k);
+      if (contexts.enter(begin, layer)) {
+        members = code_members(
+            coder, model, points, members, [&](int k) { return contexts.of_entered(k); },
+            [](int) {});
+      } else {
+        members = code_members(
+            coder, model, points, members,
+            [&](int k) { return contexts.of(sphere.point(begin + k)); },
+            [&](int k) { seen[sphere.point(begin + k)] = 1; });
       }
+      visit_bits(members, [&](int k) {
+        seen[sphere.point(begin + k)] = 1;
+        index.of_layer.push_back(sphere.first + begin + k);
+      });
     }
   }
   index.was_any = std::move(any_in);

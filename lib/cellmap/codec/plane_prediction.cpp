@@ -12,12 +12,12 @@ KnownPlanes::KnownPlanes(CodingLattice& lattice, std::size_t planes, PredictionR
       rule_(rule) {
   memory_.slots.assign(lattice.places, 0);
   if (has_high_slots_) memory_.high_slots.assign(lattice.places, 0);
-  memory_.known.reserve(planes + 1);
-  memory_.known.assign(1, {});
+  if (memory_.known.size() <= planes) memory_.known.resize(planes + 1);
+  memory_.known[0] = {};
 }
 
-const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
-  constexpr std::size_t kUsed = simd::PatchNeighbours::kMost;
+template <bool kHasHighSlots>
+void KnownPlanes::look_around(const PatchBatch& batch) {
   LatticeBelts& belts = lattice_.belts[batch.sphere];
   for (std::size_t k = 0; k < batch.count; ++k) {
     // The first that are known; the others stay slot 0, a plane that counts nowhere.
@@ -25,20 +25,21 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
     std::size_t known = 0;
     const std::uint16_t* const here = memory_.slots.data() + place(batch, k);
     const std::uint8_t* const high =
-        has_high_slots_ ? memory_.high_slots.data() + place(batch, k) : nullptr;
+        kHasHighSlots ? memory_.high_slots.data() + place(batch, k) : nullptr;
     for (const std::int32_t offset : belts.offsets_at(batch.points[k])) {
-      slots[known] = here[offset];
-      if (high) slots[known] |= std::uint32_t{high[offset]} << 16;
-      known += slots[known] != 0;
+      std::uint32_t slot = here[offset];
+      if constexpr (kHasHighSlots) slot |= std::uint32_t{high[offset]} << 16;
+      slots[known] = slot;
+      known += slot != 0;
     }
-    for (std::size_t n = 0; n < kUsed; ++n) {
-      const auto& [m, u] = memory_.known[slots[n]];
-      around_.m[n][0][k] = m.x;
-      around_.m[n][1][k] = m.y;
-      around_.m[n][2][k] = m.z;
-      for (int axis = 0; axis < 3; ++axis) around_.u[n][axis][k] = u[axis];
+    for (std::size_t n = 0; n < simd::PatchNeighbours::kMost; ++n) {
+      around_.set(n, k, memory_.known[slots[n]]);
     }
   }
+}
+
+const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
+  has_high_slots_ ? look_around<true>(batch) : look_around<false>(batch);
   if (rule_ == PredictionRule::kMean) {
     simd::predict_planes(batch.frames, around_, batch.count, predictions_);
   } else {
@@ -50,8 +51,8 @@ const simd::PatchPredictions& KnownPlanes::predict(const PatchBatch& batch) {
 
 void KnownPlanes::guess(const PatchBatch& batch, std::size_t k) {
   // The last plane's range, seen head on.
-  const InversePlane& before = memory_.known.back().m;
-  const double last = std::abs(before.x) + std::abs(before.y);
+  const simd::PatchNeighbours::Numbers& before = memory_.known[used_slots_ - 1];
+  const double last = std::abs(before[0]) + std::abs(before[1]);
   const double w = std::clamp(last, kMaxInverseRange / 512, kMaxInverseRange - 1);
   predictions_.w[k] = w;
   for (int axis = 0; axis < 3; ++axis) {

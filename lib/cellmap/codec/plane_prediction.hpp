@@ -70,7 +70,8 @@ enum class PredictionRule {
 /// The planes of a CELL that are already known, by place in the lattice.
 class KnownPlanes {
  public:
-  /// `lattice` must outlive it, and another one of it makes it void.
+  /// For at most `planes` that are added. `lattice` must outlive it, and another one of it makes it
+  /// void.
   KnownPlanes(CodingLattice& lattice, std::size_t planes,
               PredictionRule rule = PredictionRule::kMean);
 
@@ -84,22 +85,26 @@ class KnownPlanes {
 
   /// Makes patch k of the batch a neighbour of later ones.
   void add(const PatchBatch& batch, std::size_t k, const InversePlane& m) {
-    const auto slot = static_cast<std::uint32_t>(memory_.known.size());
+    const std::uint32_t slot = used_slots_++;
     memory_.slots[place(batch, k)] = static_cast<std::uint16_t>(slot);
     if (has_high_slots_) {
       memory_.high_slots[place(batch, k)] = static_cast<std::uint8_t>(slot >> 16);
     }
-    memory_.known.push_back(
-        {m, {batch.frames.u[0][k], batch.frames.u[1][k], batch.frames.u[2][k]}});
+    const simd::PatchVectors& u = batch.frames.u;
+    memory_.known[slot] = {m.x, m.y, m.z, u[0][k], u[1][k], u[2][k]};
   }
 
  private:
+  /// Fills `around_`.
+  template <bool kHasHighSlots>
+  void look_around(const PatchBatch& batch);
   std::size_t place(const PatchBatch& batch, std::size_t k) const {
     return lattice_.first_place[batch.sphere] + batch.points[k];
   }
 
   CodingLattice& lattice_;
   CodingMemory& memory_;
+  std::uint32_t used_slots_ = 1;  ///< of `known`
   bool has_high_slots_;
   PredictionRule rule_;
   simd::PatchNeighbours around_;

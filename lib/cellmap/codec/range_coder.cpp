@@ -56,22 +56,23 @@ Bytes RangeEncoder::finish() && {
   return std::move(bytes_);
 }
 
-RangeDecoder::RangeDecoder(std::span<const std::byte> bytes) : bytes_(bytes) {
+RangeDecoder::RangeDecoder(std::span<const std::byte> bytes)
+    : next_(bytes.data()), end_(bytes.data() + bytes.size()) {
   for (int i = 0; i < kTail; ++i) shift();
   range_ = 0xffffffff;
 }
 
 void RangeDecoder::check() const {
-  if (position_ <= bytes_.size()) return;
-  throw Error(ErrorCode::kCorruptData, "the coded planes end early: more was read than their " +
-                                           std::to_string(bytes_.size()) + " bytes");
+  if (missing_ == 0) return;
+  throw Error(ErrorCode::kCorruptData, "the coded planes end early: " + std::to_string(missing_) +
+                                           " bytes more were read than there are");
 }
 
 void RangeDecoder::finish() const {
   check();
-  if (position_ == bytes_.size()) return;
-  throw Error(ErrorCode::kCorruptData, "the coded planes end after " + std::to_string(position_) +
-                                           " of their " + std::to_string(bytes_.size()) + " bytes");
+  if (next_ == end_) return;
+  throw Error(ErrorCode::kCorruptData, "the coded planes end before the last " +
+                                           std::to_string(end_ - next_) + " of their bytes");
 }
 
 }  // namespace cellmap

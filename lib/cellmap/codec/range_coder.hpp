@@ -76,7 +76,7 @@ class RangeDecoder {
   /// `bytes` must outlive the decoder.
   explicit RangeDecoder(std::span<const std::byte> bytes);
 
-  bool bit(BitModel& model, bool = false) {
+  [[gnu::always_inline]] bool bit(BitModel& model, bool = false) {
     const std::uint32_t bound = (range_ >> 15) * model.probability();
     if (code_ < bound) {
       range_ = bound;
@@ -91,7 +91,7 @@ class RangeDecoder {
     return false;
   }
 
-  std::uint32_t bits(int count, std::uint32_t = 0) {
+  [[gnu::always_inline]] std::uint32_t bits(int count, std::uint32_t = 0) {
     std::uint32_t value = 0;
     for (int left = count; left > 0;) {
       const int part = left < kBitsAtOnce ? left : kBitsAtOnce;
@@ -131,14 +131,18 @@ class RangeDecoder {
       }
   }
   void shift() {
-    const auto next = position_ < bytes_.size() ? bytes_[position_] : std::byte{0};
-    ++position_;
-    code_ = code_ << 8 | std::to_integer<std::uint32_t>(next);
+    std::uint32_t next = 0;
+    if (next_ != end_) {
+      next = std::to_integer<std::uint32_t>(*next_++);
+    } else {
+      ++missing_;
+    }
+    code_ = code_ << 8 | next;
     range_ <<= 8;
   }
 
-  std::span<const std::byte> bytes_;
-  std::size_t position_ = 0;
+  const std::byte *next_, *end_;
+  std::size_t missing_ = 0;  ///< bytes that were read beyond the end
   std::uint32_t code_ = 0;
   std::uint32_t range_ = 0xffffffff;
 };

@@ -53,6 +53,21 @@ HWY_INLINE VD dot(const Vector& a, const Vector& b) {
   return hn::Add(hn::Add(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y)), hn::Mul(a.z, b.z));
 }
 
+/// What PatchNeighbours::Numbers are.
+struct Neighbour {
+  Vector m, u;
+};
+HWY_INLINE Neighbour load(const PatchNeighbours& around, std::size_t n, std::size_t k) {
+  Neighbour neighbour;
+  const auto load_pair = [&](std::size_t pair, VD& a, VD& b) {
+    hn::LoadInterleaved2(D(), around.pairs[n][pair].data() + 2 * k, a, b);
+  };
+  load_pair(0, neighbour.m.x, neighbour.m.y);
+  load_pair(1, neighbour.m.z, neighbour.u.x);
+  load_pair(2, neighbour.u.y, neighbour.u.z);
+  return neighbour;
+}
+
 /// A plane in the frame of its patch.
 struct Seen {
   VD w, s1, s2;
@@ -132,7 +147,7 @@ struct Agreeing {
     VD w[kMost];
     neighbours = count = zero;
     for (std::size_t n = 0; n < kMost; ++n) {
-      seen[n] = frame.to_patch(load(around.m[n], k));
+      seen[n] = frame.to_patch(load(around, n, k).m);
       const MD counts = is_in_range(seen[n]);
       w[n] = hn::IfThenElse(counts, seen[n].w, constant(kLimit));
       neighbours = hn::Add(neighbours, hn::IfThenElseZero(counts, one));
@@ -202,7 +217,7 @@ struct Centres {
                      const PatchFrames& frames, const PatchNeighbours& around) {
     const Vector t1 = load(frames.t1, k), t2 = load(frames.t2, k);
     for (std::size_t n = 0; n < kMost; ++n) {
-      const Vector m = load(around.m[n], k), u = load(around.u[n], k);
+      const auto [m, u] = load(around, n, k);
       const Vector apart = {hn::Sub(m.x, mean.x), hn::Sub(m.y, mean.y), hn::Sub(m.z, mean.z)};
       x[n] = hn::IfThenElseZero(of.agrees[n], hn::Add(hn::Mul(u.x, t1.x), hn::Mul(u.y, t1.y)));
       y[n] = hn::IfThenElseZero(of.agrees[n], dot(u, t2));
@@ -264,8 +279,16 @@ HWY_INLINE void fit_at(std::size_t k, const PatchFrames& frames, const PatchNeig
   store(hn::Mul(w_spread, constant(2)), predictions.w_spread, k);
 }
 
+/// How often `step` must be doubled to be more than `spread`. Doubling adds one to the exponent,
+/// and numbers are ordered as their bits are.
+HWY_INLINE void store_doublings(VD spread, VD step, PatchCounts& doublings, std::size_t k) {
+  const hn::RebindToSigned<D> whole;
+  const auto by = hn::Sub(hn::BitCast(whole, spread), hn::BitCast(whole, step));
+  hn::StoreU(hn::Add(hn::ShiftRight<52>(by), hn::Set(whole, 1)), whole, doublings.data() + k);
+}
+
 HWY_INLINE void expect_at(std::size_t k, const PatchPredictions& predictions,
-                          ExpectedPlanes& expected) {
+                          const FacingSteps& steps, ExpectedPlanes& expected) {
   const VD per_w = hn::Div(constant(1), load(predictions.w, k));
   const VD range_m = hn::Mul(constant(kInverseRangeUnit), per_w);
   const VD s1 = hn::Mul(load(predictions.s1, k), per_w);
@@ -273,10 +296,21 @@ HWY_INLINE void expect_at(std::size_t k, const PatchPredictions& predictions,
   store(range_m, expected.range_m, k);
   store(s1, expected.s1, k);
   store(s2, expected.s2, k);
-  store(hn::Sqrt(hn::Add(hn::Add(constant(1), hn::Mul(s1, s1)), hn::Mul(s2, s2))), expected.secant,
-        k);
-  store(hn::Mul(hn::Mul(load(predictions.w_spread, k), range_m), per_w), expected.range_spread, k);
-  store(hn::Mul(load(predictions.s_spread, k), per_w), expected.slope_spread, k);
+  const VD secant = hn::Sqrt(hn::Add(hn::Add(constant(1), hn::Mul(s1, s1)), hn::Mul(s2, s2)));
+  store(secant, expected.secant, k);
+  const VD range_spread = hn::Mul(hn::Mul(load(predictions.w_spread, k), range_m), per_w);
+  const VD slope_spread = hn::Mul(load(predictions.s_spread, k), per_w);
+  store(slope_spread, expected.slope_spread, k);
+  const VD agreeing = hn::Min(load(predictions.agreeing, k), constant(5));
+  store(agreeing, expected.agreeing, k);
+  for (std::size_t scale = 0; scale < 2; ++scale) {
+    const VD range_step = hn::Mul(constant(steps.range[scale]), secant);
+    const VD slope_step = hn::Div(hn::Mul(constant(steps.slope[scale]), secant), range_m);
+    store_doublings(hn::Add(range_spread, range_spread), hn::Mul(range_step, agreeing),
+                    expected.range_doublings[scale], k);
+    store_doublings(slope_spread, hn::Mul(slope_step, agreeing), expected.slope_doublings[scale],
+                    k);
+  }
 }
 
 HWY_INLINE void store_as_float(VD value, std::array<float, kMostPatches>& numbers, std::size_t k) {
@@ -326,11 +360,11 @@ void FitPlanes(const PatchFrames& frames, const PatchNeighbours& around, double 
   }
 }
 
-void ExpectPlanes(const PatchPredictions& predictions, std::size_t begin, std::size_t end,
-                  ExpectedPlanes& expected) {
+void ExpectPlanes(const PatchPredictions& predictions, const FacingSteps& steps, std::size_t begin,
+                  std::size_t end, ExpectedPlanes& expected) {
   const std::size_t lanes = hn::Lanes(D());
   for (std::size_t k = begin / lanes * lanes; k < end; k += lanes) {
-    expect_at(k, predictions, expected);
+    expect_at(k, predictions, steps, expected);
   }
 }
 
@@ -369,9 +403,9 @@ void fit_planes(const PatchFrames& frames, const PatchNeighbours& around, double
   HWY_DYNAMIC_DISPATCH(FitPlanes)(frames, around, held_rad2, count, predictions);
 }
 
-void expect_planes(const PatchPredictions& predictions, std::size_t begin, std::size_t end,
-                   ExpectedPlanes& expected) {
-  HWY_DYNAMIC_DISPATCH(ExpectPlanes)(predictions, begin, end, expected);
+void expect_planes(const PatchPredictions& predictions, const FacingSteps& steps, std::size_t begin,
+                   std::size_t end, ExpectedPlanes& expected) {
+  HWY_DYNAMIC_DISPATCH(ExpectPlanes)(predictions, steps, begin, end, expected);
 }
 
 void rebuild_planes(const PatchFrames& frames, const LeaningPlanes& planes, std::size_t begin,

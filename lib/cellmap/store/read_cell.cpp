@@ -13,7 +13,10 @@ KeptCell read_kept_cell(const Store& store, const std::string& map, CellId id) {
 }
 
 Cell read_cell(const Store& store, const std::string& map, CellId id) {
-  const StoredCell stored = store.stored_cell(map, id);
+  return cell_of(store.stored_cell(map, id));
+}
+
+Cell cell_of(const StoredCell& stored) {
   if (stored.form.encoding == KeptEncoding::kRaw) return decode_stored_cell(*stored.frame);
   return *open_stored_cell(stored).cell;
 }

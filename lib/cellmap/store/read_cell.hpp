@@ -21,6 +21,7 @@ EncodedCell read_encoded_cell(const Store& store, const std::string& map, CellId
 KeptCell read_kept_cell(const Store& store, const std::string& map, CellId id);
 
 /// The same of what `Store::stored_cell` gave out.
+Cell cell_of(const StoredCell& stored);
 KeptCell open_stored_cell(const StoredCell& stored);
 EncodedCell encoded_of(const StoredCell& stored);
 

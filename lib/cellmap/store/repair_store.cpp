@@ -109,7 +109,7 @@ class Repair {
           .run();
       constraints += connection_.integer("SELECT changes()");
     }
-    for (const char* const table : {"cell_scans", "cell_pose"}) {
+    for (const char* const table : {"cell_scans", "cell_pose", "cell_description"}) {
       Query(connection_, std::string("DELETE FROM ") + table + " WHERE " + kMap + " AND cell = ?",
             finding.map, id)
           .run();

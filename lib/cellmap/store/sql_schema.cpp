@@ -208,8 +208,22 @@ CREATE TABLE job_part (
 );
 )sql";
 
+// Version 8: what was made of a CELL and need not be made again (store/descriptions.hpp). With row
+// ids: rows of more than a quarter of a page would take another page each.
+constexpr const char* kVersion8 = R"sql(
+CREATE TABLE cell_description (
+  map            INTEGER NOT NULL,
+  cell           INTEGER NOT NULL,
+  hash           BLOB    NOT NULL,            -- identity of the CELL that it was made of
+  checksum       INTEGER NOT NULL,            -- XXH3 of bytes
+  bytes          BLOB    NOT NULL,
+  PRIMARY KEY (map, cell),
+  FOREIGN KEY (map, cell) REFERENCES cell(map, id)
+);
+)sql";
+
 constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4,
-                                    kVersion5, kVersion6, kVersion7};
+                                    kVersion5, kVersion6, kVersion7, kVersion8};
 
 }  // namespace
 

@@ -11,6 +11,7 @@
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/claims.hpp"
 #include "cellmap/store/current_cell.hpp"
+#include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/known_cells.hpp"
@@ -46,6 +47,7 @@ class SqlStore : public Store,
                  public Staging,
                  public Claims,
                  public Parts,
+                 public Descriptions,
                  public CurrentCells {
  public:
   explicit SqlStore(SqlEngine engine);
@@ -109,6 +111,12 @@ class SqlStore : public Store,
   std::optional<JobPart> take_part(JobId job, const std::string& worker) override;
   bool deliver_part(const JobPart& part, const std::string& worker, const Bytes& made) override;
   void give_back_part(const JobPart& part, const std::string& worker) override;
+
+  // Of `Descriptions` (sql_store_descriptions.cpp).
+  std::vector<CellDescription> descriptions(const std::string& map,
+                                            std::span<const CellId> cells) const override;
+  void keep_descriptions(const std::string& map,
+                         const std::vector<CellDescription>& descriptions) override;
 
   /// Inside one transaction: for what works on the tables themselves (store/copy_map.hpp).
   void read_tables(const std::function<void(SqlConnection&)>& read) const;

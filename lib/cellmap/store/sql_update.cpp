@@ -312,7 +312,7 @@ void Update::remove_session(const std::string& name) {
           map_.key, map_.key, name)
         .run();
   }
-  for (const char* const table : {"cell_scans", "cell_pose"}) {
+  for (const char* const table : {"cell_scans", "cell_pose", "cell_description"}) {
     Query(connection_,
           std::string("DELETE FROM ") + table + " WHERE map = ? AND cell IN " + kOfSession,
           map_.key, map_.key, name)

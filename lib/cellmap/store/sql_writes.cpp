@@ -28,8 +28,8 @@ void remove_map(SqlConnection& connection, const std::string& name) {
   const std::int64_t map = read_map_row(connection, name).key;
   for (const char* const statement :
        {"DELETE FROM pose_constraint WHERE map = ?", "DELETE FROM cell_scans WHERE map = ?",
-        "DELETE FROM cell_pose WHERE map = ?", "DELETE FROM session WHERE map = ?",
-        "DELETE FROM document WHERE map = ?"}) {
+        "DELETE FROM cell_description WHERE map = ?", "DELETE FROM cell_pose WHERE map = ?",
+        "DELETE FROM session WHERE map = ?", "DELETE FROM document WHERE map = ?"}) {
     Query(connection, statement, map).run();
   }
   const std::vector<Bytes> hashes = kept_contents(connection, map, {});

@@ -27,6 +27,8 @@ Rules reference_rules() {
                 "poses without a CELL"),
       reference("cell_scans", "scans of a CELL that is not there", cell_of("cell_scans", "cell"),
                 "stretches of scans without a CELL"),
+      reference("cell_description", "a description of a CELL that is not there",
+                cell_of("cell_description", "cell"), "descriptions without a CELL"),
       reference("pose_constraint", "a constraint from a CELL that is not there",
                 cell_of("pose_constraint", "from_cell"), "constraints from no CELL"),
       reference("pose_constraint", "a constraint to a CELL that is not there",
