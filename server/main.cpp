@@ -123,7 +123,7 @@ void serve(const Settings& settings) {
   auto options = api_options(settings);
   options.guard = &guard;
   options.audit = audit.get();
-  const auto store = cellmap::open_store(settings.store);
+  const auto store = cellmap::open_store(settings.store, objects_of(settings));
   cellmap::server::Api api(*store, std::move(options), log);
   cellmap::server::HttpServer server(api, log, http_options(settings));
   for (const std::string& url : server.urls()) {

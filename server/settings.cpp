@@ -56,6 +56,14 @@ void add_options(CLI::App& app, Settings& settings) {
   app.add_option(
       "--store", settings.store,
       "The store: a file, made where it is missing, or postgresql://[user@]host/database");
+  app.add_option("--blobs", settings.blobs,
+                 "An S3-compatible object store for the bytes of the database's CELLs: "
+                 "s3://BUCKET[/PREFIX]; keys: AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the "
+                 "environment. Default: the database keeps them");
+  app.add_option("--blobs-endpoint", settings.blobs_endpoint,
+                 "Where it is: http[s]://HOST[:PORT]; default: Amazon's of the region");
+  app.add_option("--blobs-region", settings.blobs_region,
+                 "The region that requests are signed for");
   app.add_option("--role", settings.role,
                  "Of the servers of one database: api takes jobs and leaves them to others, worker "
                  "only carries them out, all does both")
@@ -174,6 +182,22 @@ std::variant<Settings, int> read_settings(const std::vector<std::string>& argume
                 "postgresql://[user@]host/database");
   }
   return settings;
+}
+
+std::optional<ObjectStoreOptions> objects_of(const Settings& settings) {
+  if (settings.blobs.empty()) return std::nullopt;
+  if (store_file(settings.store)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "--blobs is for a PostgreSQL database (--store postgresql://...); a file keeps the "
+                "bytes of its CELLs itself: leave --blobs out.");
+  }
+  ObjectStoreOptions objects;
+  objects.place = settings.blobs;
+  objects.endpoint = settings.blobs_endpoint;
+  objects.region = settings.blobs_region;
+  objects.take_keys_from_environment();
+  objects.validate();
+  return objects;
 }
 
 void check_role(const Settings& settings) {

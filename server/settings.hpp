@@ -6,6 +6,8 @@
 #include <variant>
 #include <vector>
 
+#include "cellmap/store/object_store.hpp"
+
 namespace cellmap::server {
 
 /// What cellmapd was told. Each has one name: `log-level` in the file, CELLMAPD_LOG_LEVEL in the
@@ -13,6 +15,8 @@ namespace cellmap::server {
 /// before the file, that before the defaults here.
 struct Settings {
   std::string store;
+  /// s3://BUCKET[/PREFIX] for the bytes of CELLs; its keys stand in the environment alone.
+  std::string blobs, blobs_endpoint, blobs_region = "us-east-1";
   /// Of the servers of one database: "api" takes jobs, "worker" carries them out and answers
   /// nothing but how it is.
   std::string role = "all";
@@ -36,6 +40,11 @@ struct Settings {
 /// nobody knows is refused, in the file too.
 std::variant<Settings, int> read_settings(const std::vector<std::string>& arguments,
                                           std::ostream& out, std::ostream& err);
+
+/// Where the bytes of CELLs go beside the database; nullopt: into it. Throws
+/// Error{kInvalidArgument} for a file, which has them itself, and for what cannot be, such as keys
+/// that are missing in the environment.
+std::optional<ObjectStoreOptions> objects_of(const Settings& settings);
 
 /// Throws Error{kInvalidArgument} where a server of a file, which has only one, would not do all.
 void check_role(const Settings& settings);

@@ -15,6 +15,7 @@
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_reader.hpp"
 #include "client/cli/map_text.hpp"
+#include "client/cli/store_blobs.hpp"
 
 // archive and restore.
 
@@ -138,7 +139,7 @@ void archive(const ArchiveArguments& options, const Console& console) {
 
 MapInfo restore_in_store(const ArchiveArguments& options, ArchiveReader& reader,
                          const std::string& name, const Console& console) {
-  const auto store = open_store(options.place.store);
+  const auto store = open_store(options.place.store, objects_of_environment());
   const Interrupt interrupt;
   ProgressBar bar(console, "restore");
   return restore_map(reader, *store, name, interrupt.token(), [&](const Progress& done) {

@@ -10,6 +10,7 @@
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_text.hpp"
 #include "client/cli/mapper_flags.hpp"
+#include "client/cli/store_blobs.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -28,7 +29,7 @@ void run_build(const BuildArguments& options, const Console& console) {
   const MapperOptions mapper = options.mapper.mapper_options(options.threads);
   validate_map_name(options.map);
   const auto source = options.drive.open();
-  const auto store = open_store(options.store);
+  const auto store = open_store(options.store, objects_of_environment());
   std::optional<LatticeSpec> lattice;
   if (options.mapper.lattice_size) lattice = options.mapper.lattice();
   MapInfo map;

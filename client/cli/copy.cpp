@@ -11,6 +11,7 @@
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_text.hpp"
+#include "client/cli/store_blobs.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -27,8 +28,8 @@ std::vector<std::string> names_of(const Store& store) {
 }
 
 void run_copy(const CopyArguments& options, const Console& console) {
-  const auto from = open_store_to_read(options.from);
-  const auto to = open_store(options.to);
+  const auto from = open_store_to_read(options.from, objects_of_environment());
+  const auto to = open_store(options.to, objects_of_environment());
   const Interrupt interrupt;
   client::Json copied = client::Json::array();
   std::string text;

@@ -9,6 +9,7 @@
 #include "client/cli/command_line.hpp"
 #include "client/cli/interrupt.hpp"
 #include "client/cli/map_text.hpp"
+#include "client/cli/store_blobs.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -70,7 +71,7 @@ std::size_t import_into(Store& store, const ImportArguments& options, const Rele
 void run_import(const ImportArguments& options, const Console& console) {
   validate_map_name(options.map);
   const ReleasedFolder folder(options.folder, options.reading);
-  const auto store = open_store(options.store);
+  const auto store = open_store(options.store, objects_of_environment());
   const std::size_t dropped = import_into(*store, options, folder, console);
   const MapInfo map = store->map(options.map);
   client::Json json = client::to_json(map);

@@ -12,6 +12,7 @@
 #include "client/cli/client_options.hpp"
 #include "client/cli/mirror_reader.hpp"
 #include "client/cli/read_token.hpp"
+#include "client/cli/store_blobs.hpp"
 
 namespace cellmap::cli {
 namespace {
@@ -152,7 +153,7 @@ std::unique_ptr<Store> open_existing_store(const std::string& place) {
                                           "'; make one with 'cellmap build DATASET --store " +
                                           place + " --map NAME'");
   }
-  return open_store(place);
+  return open_store(place, objects_of_environment());
 }
 
 std::vector<CellRecord> MapReader::all_cells(const std::string& map) {

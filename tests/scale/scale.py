@@ -9,6 +9,7 @@ two-workers     two drives by two workers against one: faster, and the same byte
 one-drive       one drive by two workers against one: the same bytes, and less to do for each
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 far-database    1 and 5 ms to the database: what sending statements together gains
+object-store    the bytes of CELLs in an object store that hangs: refused in time, nothing lost, all goes on
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
 unit-costs      processor time and bytes of one fetch, relocalisation, CELL, scan
@@ -39,6 +40,7 @@ ROWS = {
     "one-drive": ("postgres", "taskset"),
     "slow-database": ("postgres",),
     "far-database": ("postgres",),
+    "object-store": ("postgres", "npm"),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),
     "unit-costs": ("postgres",),
@@ -51,7 +53,9 @@ def lacks(needs, short):
     """What is not there of what a row needs, in words."""
     if "postgres" in needs and not programs():
         yield "PostgreSQL (./install-dependencies.sh --with-postgresql)"
-    wanted = [need for need in needs if need not in ("postgres", "root") and not (short and need == "nginx")]
+    if "npm" in needs and missing("node", "npm"):
+        yield "Node.js 20 with npm"
+    wanted = [need for need in needs if need not in ("postgres", "root", "npm") and not (short and need == "nginx")]
     for program in missing(*wanted):
         yield f"{program} (./install-dependencies.sh --with-proxies)"
     if "root" in needs and os.geteuid() != 0:

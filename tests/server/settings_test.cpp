@@ -19,7 +19,8 @@ class SettingsTest : public ::testing::Test {
  protected:
   ~SettingsTest() override {
     for (const char* name : {"CELLMAPD_LOG_LEVEL", "CELLMAPD_LISTEN", "CELLMAPD_THREADS",
-                             "CELLMAPD_CONFIG", "CELLMAPD_RATE_LIMIT"}) {
+                             "CELLMAPD_CONFIG", "CELLMAPD_RATE_LIMIT", "CELLMAPD_BLOBS_ENDPOINT",
+                             "AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"}) {
       ::unsetenv(name);
     }
   }
@@ -84,6 +85,24 @@ TEST_F(SettingsTest, WhatNobodyKnowsIsRefused) {
               HasSubstr("loud"));
   ::setenv("CELLMAPD_RATE_LIMIT", "-1", 1);
   EXPECT_THAT(refusal({"--store", "a"}), HasSubstr("rate-limit"));
+}
+
+TEST_F(SettingsTest, BlobsOfADatabaseMayBeObjectsWhoseKeysStandInTheEnvironment) {
+  const std::string database = "postgresql://maps@db/maps";
+  ::setenv("AWS_ACCESS_KEY_ID", "me", 1);
+  ::setenv("AWS_SECRET_ACCESS_KEY", "secret", 1);
+  ::setenv("CELLMAPD_BLOBS_ENDPOINT", "https://s3.example.org", 1);
+  EXPECT_FALSE(objects_of(read({"--store", database})));
+  const auto objects = objects_of(read({"--store", database, "--blobs", "s3://cells/a"}));
+  ASSERT_TRUE(objects);
+  EXPECT_EQ(objects->place, "s3://cells/a");
+  EXPECT_EQ(objects->endpoint, "https://s3.example.org");
+  EXPECT_EQ(objects->region, "us-east-1");
+  EXPECT_EQ(objects->secret_key, "secret");
+  EXPECT_THROW(objects_of(read({"--store", "maps.db", "--blobs", "s3://cells"})), Error);
+  EXPECT_THROW(objects_of(read({"--store", database, "--blobs", "cells"})), Error);
+  ::unsetenv("AWS_SECRET_ACCESS_KEY");
+  EXPECT_THROW(objects_of(read({"--store", database, "--blobs", "s3://cells"})), Error);
 }
 
 TEST_F(SettingsTest, AStoreIsNeeded) { EXPECT_THAT(refusal({}), HasSubstr("--store")); }

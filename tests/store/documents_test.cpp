@@ -66,6 +66,7 @@ TEST_F(DocumentsTest, CanBeKeptByAStoreThatWasMadeBeforeThem) {
   store_.reset();
   {
     SqliteConnection connection(file_, SqliteAccess::kReadWrite, 1000);
+    connection.execute(test::kUndoSchema9);
     connection.execute(test::kUndoSchema8);
     connection.execute(test::kUndoSchema7);
     connection.execute(test::kUndoSchema6);

@@ -87,7 +87,7 @@ const std::vector<Operation> kOperations = {
      }},
     {"Reopen", [](Store&) {}},
     {"Migrate", [](Store&) {},
-     std::string(kUndoSchema8) + kUndoSchema7 + kUndoSchema6 + kUndoSchema5 +
+     std::string(kUndoSchema9) + kUndoSchema8 + kUndoSchema7 + kUndoSchema6 + kUndoSchema5 +
          "DROP TABLE document; PRAGMA user_version = 3"},
 };
 

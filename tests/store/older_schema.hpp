@@ -4,6 +4,7 @@ namespace cellmap::test {
 
 /// SQL that takes back what a version of the schema added, the newest first, for tests that make an
 /// older store.
+inline constexpr const char* kUndoSchema9 = "ALTER TABLE blob DROP COLUMN frame_bytes;";
 inline constexpr const char* kUndoSchema8 = "DROP TABLE cell_description;";
 inline constexpr const char* kUndoSchema7 = "DROP TABLE job_part;";
 inline constexpr const char* kUndoSchema6 = R"sql(

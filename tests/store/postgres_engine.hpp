@@ -2,9 +2,11 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <optional>
 #include <string>
 
+#include "cellmap/store/object_store.hpp"
 #include "cellmap/store/postgres_connection.hpp"
 #include "store/store_contract.hpp"
 
@@ -25,6 +27,20 @@ inline std::string postgres_address_for(const std::filesystem::path& folder) {
   PostgresConnection(*postgres_address())
       .execute(("CREATE SCHEMA IF NOT EXISTS " + schema).c_str());
   return *postgres_address() + "&options=-csearch_path%3D" + schema;
+}
+
+/// The tests' object store (support/object_store.sh), a prefix of its own for a test's folder;
+/// nullopt where none runs.
+inline std::optional<ObjectStoreOptions> objects_for(const std::filesystem::path& folder) {
+  const char* const place = std::getenv("CELLMAP_TEST_OBJECTS");
+  ObjectStoreOptions options;
+  if (place == nullptr ||
+      !(std::ifstream(std::filesystem::path(place) / "address") >> options.endpoint)) {
+    return std::nullopt;
+  }
+  options.place = "s3://cells/test-" + std::to_string(std::hash<std::string>()(folder.string()));
+  options.access_key = options.secret_key = "S3RVER";
+  return options;
 }
 
 }  // namespace cellmap::test

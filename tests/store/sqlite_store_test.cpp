@@ -98,7 +98,8 @@ TEST_F(SqliteStoreTest, ANewerSchemaIsRefusedAndKept) {
 
 TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
   make_store();
-  run_sql(file_, std::string(kUndoSchema8) + kUndoSchema7 + kUndoSchema6 + kUndoSchema5 + R"sql(
+  run_sql(file_, std::string(kUndoSchema9) + kUndoSchema8 + kUndoSchema7 + kUndoSchema6 +
+                     kUndoSchema5 + R"sql(
       DROP TABLE document;
       DROP INDEX pose_constraint_by_judged;
       ALTER TABLE pose_constraint DROP COLUMN weight;
@@ -129,8 +130,8 @@ TEST_F(SqliteStoreTest, AStoreOfVersionTwoIsBroughtUpToDateWithAllThatItHolds) {
 
 TEST_F(SqliteStoreTest, JobsOfVersionFiveMayBeClaimed) {
   make_store();
-  run_sql(file_, std::string(kUndoSchema8) + kUndoSchema7 + kUndoSchema6 + kJobsOfSchema5 +
-                     "PRAGMA user_version = 5");
+  run_sql(file_, std::string(kUndoSchema9) + kUndoSchema8 + kUndoSchema7 + kUndoSchema6 +
+                     kJobsOfSchema5 + "PRAGMA user_version = 5");
   const auto store = open_sqlite_store(file_);
   expect_jobs_of_schema5(*store);
   EXPECT_EQ(store->map("town").cells, 5u);

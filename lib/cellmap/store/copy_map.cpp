@@ -7,6 +7,7 @@
 #include "cellmap/store/sql_cells.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/sql_store.hpp"
+#include "cellmap/store/update_context.hpp"
 
 namespace cellmap {
 namespace {
@@ -108,14 +109,20 @@ std::string list(const std::vector<Column>& columns, const char* before, const c
 /// One map on its way.
 class Copy {
  public:
-  Copy(SqlConnection& source, std::int64_t from_key, const SqlStore& target, std::int64_t to_key,
-       const std::stop_token& stop)
-      : source_(source), from_key_(from_key), target_(target), to_key_(to_key), stop_(stop) {}
+  Copy(SqlConnection& source, const Blobs& blobs, std::int64_t from_key, const SqlStore& target,
+       std::int64_t to_key, const std::stop_token& stop)
+      : source_(source),
+        blobs_(blobs),
+        from_key_(from_key),
+        target_(target),
+        to_key_(to_key),
+        stop_(stop) {}
 
   /// `each(rows written)` after every transaction.
   void rows(const Table& table, const std::function<void(std::uint64_t)>& each) {
     const bool is_cells = std::string_view(table.name) == "cell";
-    const std::size_t at_once = is_cells ? 32 : 2000;
+    // Others wait for a transaction to end, and objects are put in it.
+    const std::size_t at_once = !is_cells ? 2000 : target_.blobs().are_objects() ? 8 : 32;
     Query row(source_,
               "SELECT " + list(table.columns, "", "") + " FROM " + table.name + " WHERE map = ?",
               from_key_);
@@ -165,19 +172,26 @@ class Copy {
       Query there(target, "SELECT 1 FROM blob WHERE hash = ?", hash);
       if (there.next()) return;
     }
-    Query row(source_, "SELECT encoded_bytes, checksum, frame FROM blob WHERE hash = ?", hash);
-    if (!row.next() || sha256(row.bytes(2)) != hash_from(row.bytes(1))) {
-      throw Error(ErrorCode::kCorruptData,
-                  "store: the bytes of a CELL are missing or damaged; see 'cellmap check'");
+    std::uint64_t encoded_bytes = 0;
+    {
+      Query row(source_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
+      if (row.next()) encoded_bytes = row.unsigned64(0);
     }
+    const ContentHash content = hash_from(hash);
+    const BlobRow row = read_blob_row(source_, content);
+    const auto frame = blobs_.frame_of(content, row);
+    const Blobs& to = target_.blobs();
+    to.put({frame.get()});
     Query insert(target,
-                 "INSERT INTO blob (encoded_bytes, checksum, frame, hash) VALUES (?, ?, ?, ?)");
-    bind(insert, {{"encoded_bytes", kInteger}, {"checksum", kBytes}, {"frame", kBytes}}, row);
-    insert.bind(hash);
+                 "INSERT INTO blob (hash, encoded_bytes, checksum, frame, frame_bytes) "
+                 "VALUES (?, ?, ?, ?, ?)",
+                 hash, encoded_bytes, to_bytes(row.checksum), to.are_objects() ? Bytes() : *frame,
+                 to.are_objects() ? std::optional<std::uint64_t>(frame->size()) : std::nullopt);
     insert.run();
   }
 
   SqlConnection& source_;
+  const Blobs& blobs_;
   const std::int64_t from_key_;
   const SqlStore& target_;
   const std::int64_t to_key_;
@@ -201,7 +215,7 @@ void compare(SqlConnection& source, std::int64_t from_key, const SqlStore& to,
     if (contents(target, to_key) != expected) {
       throw Error(ErrorCode::kCorruptData, "the copy has other CELLs than its source");
     }
-    for (const auto& [id, hash] : expected) read_blob(target, hash);
+    for (const auto& [id, hash] : expected) to.blobs().frame_of(hash, read_blob_row(target, hash));
   });
 }
 
@@ -218,7 +232,7 @@ CopiedMap copy_map(const Store& from, Store& to, const std::string& map,
     StagedMap staged(to, row.info.lattice, map);
     std::int64_t to_key = 0;
     target.read_tables([&](SqlConnection& c) { to_key = read_map_row(c, staged.name()).key; });
-    Copy copy(connection, row.key, target, to_key, stop);
+    Copy copy(connection, source.blobs(), row.key, target, to_key, stop);
     for (const Table& table : tables()) {
       copy.rows(table, [&](std::uint64_t done) {
         if (progress && std::string_view(table.name) == "cell") progress(done, row.info.cells);

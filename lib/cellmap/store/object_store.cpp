@@ -243,7 +243,7 @@ class S3Store final : public ObjectStore {
   }
   static Error too_long() {
     return Error(ErrorCode::kCorruptData,
-                 "store: an object is longer than it may be; see 'cellmap check'");
+                 "store: an object is longer than it may be; restore it from a backup");
   }
 
   [[noreturn]] static void refuse(const Answer& answer) {

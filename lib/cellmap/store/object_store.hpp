@@ -18,7 +18,7 @@ struct ObjectStoreOptions {
   std::string access_key, secret_key;
   std::string session_token;  ///< of temporary keys; mostly empty
   std::chrono::milliseconds connect_timeout = std::chrono::seconds(3);
-  std::chrono::milliseconds timeout = std::chrono::seconds(20);  ///< of one request
+  std::chrono::milliseconds timeout = std::chrono::seconds(10);  ///< of one request
 
   /// The keys as AWS's own programs have them: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
   /// AWS_SESSION_TOKEN.

@@ -40,6 +40,7 @@ void PostgresStoreOptions::validate() const {
   if (max_readers < 1) {
     throw Error(ErrorCode::kInvalidArgument, "store options: expected at least one reader");
   }
+  if (objects) objects->validate();
 }
 
 std::unique_ptr<Store> open_postgres_store(const std::string& address,
@@ -58,6 +59,7 @@ std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                                    .writer = std::move(writer),
                                                    .claimer = connect(),
                                                    .cache_bytes = options.cache_bytes,
+                                                   .objects = options.objects,
                                                    .staging_limit = kStagingLimit});
 }
 

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
+#include "cellmap/store/object_store.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
@@ -10,9 +12,12 @@ namespace cellmap {
 struct PostgresStoreOptions {
   std::size_t cache_bytes = 64u << 20;  ///< LRU of hot CELL blobs, zstd frames
   std::size_t max_readers = 16;         ///< connections; a further reader waits for a free one
-  bool one_by_one = false;              ///< no pipelining: to measure what that brings
+  /// Where the bytes of CELLs to come go; nullopt: into the database. What is there already is read
+  /// wherever it is.
+  std::optional<ObjectStoreOptions> objects{};
+  bool one_by_one = false;  ///< no pipelining: to measure what that brings
 
-  /// Throws Error{kInvalidArgument}: no readers.
+  /// Throws Error{kInvalidArgument}: no readers, no such object store.
   void validate() const;
 };
 

@@ -305,22 +305,6 @@ std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& ma
   return cells;
 }
 
-std::shared_ptr<const Bytes> read_blob(SqlConnection& connection, const ContentHash& hash) {
-  const auto raw = std::as_bytes(std::span(hash.bytes));
-  Query row(connection, "SELECT frame, checksum FROM blob WHERE hash = ?",
-            Bytes(raw.begin(), raw.end()));
-  if (!row.next()) {
-    throw Error(ErrorCode::kCorruptData, "store: the bytes of CELL content " + to_hex(hash) +
-                                             " are missing; restore the file from a backup");
-  }
-  const std::span<const std::byte> frame = row.bytes(0);
-  if (sha256(frame) != hash_from(row.bytes(1))) {
-    throw Error(ErrorCode::kCorruptData, "store: the bytes of CELL content " + to_hex(hash) +
-                                             " are damaged; restore the file from a backup");
-  }
-  return std::make_shared<const Bytes>(frame.begin(), frame.end());
-}
-
 std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id) {
   std::optional<KeptRow> kept;
   Questions question;

@@ -53,8 +53,6 @@ CellPage read_cells(SqlConnection& connection, const MapRow& map, const CellQuer
 std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& map,
                                      const Eigen::Vector3d& position, std::size_t count);
 
-/// The zstd frame of a blob. Error{kCorruptData} where it is missing or its checksum is wrong.
-std::shared_ptr<const Bytes> read_blob(SqlConnection& connection, const ContentHash& hash);
 std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                                   const std::string& session);
 

@@ -222,8 +222,13 @@ CREATE TABLE cell_description (
 );
 )sql";
 
-constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4,
-                                    kVersion5, kVersion6, kVersion7, kVersion8};
+// Version 9: frames that are objects beside the database (store/blobs.hpp).
+constexpr const char* kVersion9 = R"sql(
+ALTER TABLE blob ADD COLUMN frame_bytes INTEGER;  -- size of the object; NULL: it is in frame
+)sql";
+
+constexpr std::array kMigrations = {kVersion1, kVersion2, kVersion3, kVersion4, kVersion5,
+                                    kVersion6, kVersion7, kVersion8, kVersion9};
 
 }  // namespace
 

@@ -32,18 +32,6 @@ Bytes frame_of(const EncodedCell& encoded, const std::optional<CodedCopy>& coded
   return zstd_compress(coded ? coded->content.bytes : encoded.bytes);
 }
 
-/// Compressed before the write, so that writers do it at the same time.
-UpdateFrames frames_of(const MapUpdate& update) {
-  UpdateFrames frames;
-  for (const NewCell& cell : update.cells) {
-    frames.cells.push_back(frame_of(cell.encoded, cell.coded));
-  }
-  for (const auto& [id, cell] : update.recoded) {
-    frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
-  }
-  return frames;
-}
-
 Error no_cell(const std::string& map, CellId id) {
   return Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
 }
@@ -58,6 +46,7 @@ SqlStore::Database::Database(SqlEngine engine, const Store& store)
       claimer(std::move(engine.claimer)),
       readers(std::move(engine.open_reader), engine.max_readers),
       cache(engine.cache_bytes),
+      blobs(engine.objects),
       is_only_writer(engine.is_only_writer),
       commits([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {}
 
@@ -168,6 +157,23 @@ MapVersion SqlStore::version(const std::string& name) const {
   });
 }
 
+UpdateFrames SqlStore::frames_of(const MapUpdate& update) const {
+  UpdateFrames frames;
+  for (const NewCell& cell : update.cells) {
+    frames.cells.push_back(frame_of(cell.encoded, cell.coded));
+  }
+  for (const auto& [id, cell] : update.recoded) {
+    frames.recoded.push_back(frame_of(cell.encoded, cell.coded));
+  }
+  frames.are_objects = database_->blobs.are_objects();
+  if (!frames.are_objects) return frames;
+  std::vector<const Bytes*> all;
+  for (const Bytes& frame : frames.cells) all.push_back(&frame);
+  for (const Bytes& frame : frames.recoded) all.push_back(&frame);
+  database_->blobs.put(all);
+  return frames;
+}
+
 CommitResult SqlStore::commit(const std::string& map, const MapUpdate& update) {
   validate(update);
   const UpdateFrames frames = frames_of(update);
@@ -252,15 +258,20 @@ StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
     StoredCell cell{known->kept.hash, known->kept.form, database_->cache.find(known->kept.content)};
     if (cell.frame) return cell;
   }
-  return database_->readers.read([&](SqlConnection& c) {
+  ContentHash content;
+  BlobRow row;
+  StoredCell cell = database_->readers.read([&](SqlConnection& c) {
     const auto kept = find_kept(c, read_map_row(c, map).key, id);
     if (!kept) throw no_cell(map, id);
-    StoredCell cell{kept->hash, kept->form, database_->cache.find(kept->content)};
-    if (cell.frame) return cell;
-    cell.frame = read_blob(c, kept->content);
-    database_->cache.insert(kept->content, cell.frame);
-    return cell;
+    content = kept->content;
+    StoredCell read{kept->hash, kept->form, database_->cache.find(content)};
+    if (!read.frame) row = read_blob_row(c, content);
+    return read;
   });
+  if (cell.frame) return cell;
+  cell.frame = database_->blobs.frame_of(content, row);
+  database_->cache.insert(content, cell.frame);
+  return cell;
 }
 
 std::vector<CellKeeping> SqlStore::keeping(const std::string& map,
@@ -314,6 +325,7 @@ std::vector<JobRecord> SqlStore::jobs(const std::optional<std::string>& map) con
 void SqlStore::check_ready() const {
   database_->readers.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
   if (!database_->writer) return;
+  database_->blobs.check_ready();
   if (!database_->claimer) return database_->commits.run([] {});
   // Not behind the lock of those who write: one that is cut off must not look like all servers.
   change_rows([](SqlConnection& c) { c.execute("UPDATE job SET worker = worker WHERE id = 0"); });

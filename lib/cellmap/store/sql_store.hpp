@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cellmap/store/blob_cache.hpp"
+#include "cellmap/store/blobs.hpp"
 #include "cellmap/store/claims.hpp"
 #include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/descriptions.hpp"
@@ -18,6 +19,7 @@
 #include "cellmap/store/parts.hpp"
 #include "cellmap/store/sql_pool.hpp"
 #include "cellmap/store/sql_reads.hpp"
+#include "cellmap/store/sql_update.hpp"
 #include "cellmap/store/staging.hpp"
 #include "cellmap/store/store.hpp"
 
@@ -32,7 +34,8 @@ struct SqlEngine {
   std::unique_ptr<SqlConnection> writer;  ///< null where the store is read-only
   /// For claims, which then need not wait for what the writer does; null: they go through it.
   std::unique_ptr<SqlConnection> claimer = nullptr;
-  std::size_t cache_bytes = 64u << 20;  ///< of hot CELL blobs
+  std::size_t cache_bytes = 64u << 20;          ///< of hot CELL blobs
+  std::optional<ObjectStoreOptions> objects{};  ///< nullopt: frames are in the tables
   /// Staged maps of this age were left by a crash; nullopt: all were, since nobody else writes, and
   /// what was claimed was claimed by processes that are gone.
   std::optional<std::chrono::hours> staging_limit;
@@ -122,6 +125,7 @@ class SqlStore : public Store,
   void read_tables(const std::function<void(SqlConnection&)>& read) const;
   /// The same with the connection that writes; durable when it returns.
   void change_tables(const std::function<void(SqlConnection&)>& change) const;
+  const Blobs& blobs() const { return database_->blobs; }
 
  private:
   /// What a store shares with those that are fenced.
@@ -140,12 +144,16 @@ class SqlStore : public Store,
     const std::unique_ptr<SqlConnection> claimer;  ///< under `claiming`
     SqlPool readers;
     BlobCache cache;
+    const Blobs blobs;
     const bool is_only_writer;
     KnownCells known;
     KnownCells remembered;  ///< its states are minutes: what others change is not known
     MapSummaries summaries;
     GroupCommit commits;
   };
+  /// Compressed before the write, so that writers do it at the same time, and put where they are
+  /// objects.
+  UpdateFrames frames_of(const MapUpdate& update) const;
   /// Null where it has to be read.
   std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
   SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);

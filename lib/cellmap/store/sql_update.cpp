@@ -30,8 +30,9 @@ struct Kept {
 /// One update on its way into the tables.
 class Update {
  public:
-  Update(SqlConnection& connection, const std::string& map)
+  Update(SqlConnection& connection, const std::string& map, bool are_objects)
       : connection_(connection),
+        are_objects_(are_objects),
         map_(read_map_row(connection, map)),
         revision_(map_.info.revision + 1) {}
 
@@ -64,6 +65,7 @@ class Update {
   void subtract_from_sums(const std::string& session);
 
   SqlConnection& connection_;
+  const bool are_objects_;
   MapRow map_;
   const Revision revision_;
   UpdateContext context_;
@@ -158,9 +160,11 @@ void Update::insert_blob(CellId id, const EncodedCell& content, const Bytes& fra
                 "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
   }
   Query(connection_,
-        "INSERT INTO blob (hash, encoded_bytes, checksum, frame) VALUES (?, ?, ?, ?) "
+        "INSERT INTO blob (hash, encoded_bytes, checksum, frame, frame_bytes) "
+        "VALUES (?, ?, ?, ?, ?) "
         "ON CONFLICT (hash) DO NOTHING",  // one that was recoded may or may not have left it
-        hash, content.bytes.size(), to_bytes(sha256(frame)), frame)
+        hash, content.bytes.size(), to_bytes(sha256(frame)), are_objects_ ? Bytes() : frame,
+        are_objects_ ? std::optional<std::uint64_t>(frame.size()) : std::nullopt)
       .run();
 }
 
@@ -333,7 +337,8 @@ void Update::subtract_from_sums(const std::string& session) {
         connection_,
         "SELECT COUNT(*), CAST(COALESCE(SUM(planes), 0) AS BIGINT), "
         "CAST(COALESCE(SUM(cell.encoded_bytes), 0) AS BIGINT), "
-        "CAST(COALESCE(SUM(LENGTH(frame)), 0) AS BIGINT), CAST(COALESCE(SUM(scans), 0) AS BIGINT), "
+        "CAST(COALESCE(SUM(COALESCE(frame_bytes, LENGTH(frame))), 0) AS BIGINT), "
+        "CAST(COALESCE(SUM(scans), 0) AS BIGINT), "
         "CAST(COALESCE(SUM(raw_points), 0) AS BIGINT), CAST(COALESCE(SUM(voxel_points), 0) AS "
         "BIGINT), "
         "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
@@ -374,7 +379,7 @@ Revision Update::finish() {
 
 CommitResult apply_update(SqlConnection& connection, const std::string& map,
                           const MapUpdate& update, const UpdateFrames& frames) {
-  Update writer(connection, map);
+  Update writer(connection, map, frames.are_objects);
   if (update.expected_revision && *update.expected_revision != writer.info().revision) {
     throw Error(ErrorCode::kPreconditionFailed,
                 "map " + map + " is at revision " + std::to_string(writer.info().revision) +

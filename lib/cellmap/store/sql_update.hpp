@@ -11,6 +11,7 @@ namespace cellmap {
 /// zstd frames of the kept bytes of an update, in the order of its CELLs.
 struct UpdateFrames {
   std::vector<Bytes> cells, recoded;
+  bool are_objects = false;  ///< they were put (store/blobs.hpp); rows only say so
 };
 /// Carries out an update as one new revision. Expects to run inside one transaction that the caller
 /// commits, or rolls back where this throws. The update has been validated.

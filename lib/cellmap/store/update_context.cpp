@@ -60,7 +60,8 @@ class Asking {
     for (const auto& [id, recoded] : update.recoded) {
       hashes.insert(content_of(recoded.encoded, recoded.coded));
       questions_.add(
-          "SELECT cell.hash, LENGTH(frame) FROM cell JOIN blob ON blob.hash = cell.hash "
+          "SELECT cell.hash, COALESCE(frame_bytes, LENGTH(frame)) FROM cell JOIN blob ON blob.hash "
+          "= cell.hash "
           "WHERE map = ? AND id = ?",
           [&, id = id](Query& row) {
             if (!row.next()) return;
