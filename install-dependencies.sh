@@ -6,7 +6,7 @@ set -euo pipefail
 packages=(
   g++ cmake ninja-build ccache pkg-config python3 curl ca-certificates
   libeigen3-dev libflatbuffers-dev flatbuffers-compiler libzstd-dev libssl-dev libxxhash-dev
-  libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev libpq-dev
+  libceres-dev libtbb-dev libembree-dev libgeographiclib-dev libsqlite3-dev libsqlitecpp-dev libpq-dev libcurl4-openssl-dev
   libcpp-httplib-dev nlohmann-json3-dev libcli11-dev libspdlog-dev prometheus-cpp-dev
   librosbag-storage-dev libsensor-msgs-dev libnav-msgs-dev libhwy-dev libgtest-dev libgmock-dev libbenchmark-dev libnanoflann-dev python3-jsonschema python3-yaml
   python3-numpy python3-zstandard python3-xxhash python3-pytest python3-matplotlib python3-setuptools python3-pip mypy help2man dpkg-dev

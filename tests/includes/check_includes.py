@@ -51,7 +51,7 @@ VENDORS = {
     r"zstd\.h|zstd_errors\.h": ["codec"],
     r"xxhash\.h": ["core"],
     r"flatbuffers/": ["codec"],
-    r"SQLiteCpp/|sqlite3\.h|libpq-fe\.h": ["store"],
+    r"SQLiteCpp/|sqlite3\.h|libpq-fe\.h|curl/": ["store"],
     r"embree3/": ["simulation"],
     r"GeographicLib/": ["map"],
     r"nanoflann\.hpp": ["evaluation"],
@@ -64,7 +64,7 @@ VENDORS = {
 }
 
 # Vendor headers that stay out of our own headers altogether.
-ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|rosbag/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|libpq-fe|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
+ONLY_IN_SOURCES = r"ceres/|omp\.h|pcl/|rosbag/|(oneapi/)?tbb/|hwy/|openssl/|zstd|xxhash|flatbuffers/|SQLiteCpp/|sqlite3|libpq-fe|curl/|embree3/|GeographicLib/|nanoflann|draco/|httplib\.h"
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*[<"]([^>"]+)[>"]')
 
