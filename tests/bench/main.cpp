@@ -81,6 +81,7 @@ int main_of(int argc, char** argv) {
   CLI::App app{"Measures CELLmap against the paper's way; prints a Markdown table"};
   Flags flags;
   std::string peak_memory_of;
+  std::vector<std::string> places_of;
   int threads = 1;
   std::set<std::string> names;
   for (const Group& group : kGroups) names.insert(group.name);
@@ -92,6 +93,7 @@ int main_of(int argc, char** argv) {
       ->check(CLI::IsMember(names))
       ->delimiter(',');
   app.add_option("--peak-memory-of", peak_memory_of)->group("");
+  app.add_option("--places-of", places_of)->expected(2)->group("");
   app.add_option("--threads", threads)->group("");
   try {
     app.parse(argc, argv);
@@ -99,6 +101,7 @@ int main_of(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   if (!peak_memory_of.empty()) return print_peak_memory_of_build(peak_memory_of, threads);
+  if (!places_of.empty()) return print_places_of_store(places_of[0], places_of[1]);
 
   // Opened first: a wrong name should not cost a minute.
   std::ofstream json;

@@ -65,7 +65,7 @@ void add_place_row(const std::string& name, const PlaceSearches& searches, CellI
 void place_rows(const Setting& setting, const AddRow& add) {
   for (const std::uint32_t cells :
        {setting.quick ? 10'000u : 100'000u, setting.quick ? 100'000u : 1'000'000u}) {
-    const SyntheticPlaces places(cells);
+    const SyntheticPlaces places(street_graph(cells));
     const WholeIndex whole(places);
     const CellId right{cells / 3};
     const DescribedQuery query = SyntheticPlaces::query_at(right);

@@ -55,4 +55,9 @@ void kitti00_ingest_row(const AddRow& add);
 /// of its resident memory in MiB.
 int print_peak_memory_of_build(const std::string& folder, int threads);
 
+/// For the row "capacity" of tests/scale: keeps synthetic descriptions of all CELLs of a map in its
+/// store, reads them, searches among them with room for all and with room for a quarter, and prints
+/// what that takes as JSON.
+int print_places_of_store(const std::string& store, const std::string& map);
+
 }  // namespace cellmap::bench

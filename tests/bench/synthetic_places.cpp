@@ -33,7 +33,9 @@ PointCloud things_around(CellId cell) {
   return points;
 }
 
-PoseGraph streets(std::uint32_t cells) {
+}  // namespace
+
+PoseGraph street_graph(std::uint32_t cells) {
   constexpr double kSpacingM = 6.44, kStreetsM = 100.0;
   const double side_m = std::sqrt(cells * kSpacingM * kStreetsM / 2);
   const auto along = std::max(1u, static_cast<std::uint32_t>(side_m / kSpacingM));
@@ -48,6 +50,8 @@ PoseGraph streets(std::uint32_t cells) {
   }
   return graph;
 }
+
+namespace {
 
 /// All parts, in a cache that has room for them.
 class AllParts : public PlaceParts {
@@ -68,7 +72,8 @@ class AllParts : public PlaceParts {
     auto part = std::make_shared<PlacePart>();
     part->reserve(regions.all()[i].ids.size());
     for (const CellId id : regions.all()[i].ids) {
-      part->put(id, {CompactSignature(PlaceSignature(Columns(things_around(id)))), {}});
+      part->put(id,
+                {CompactSignature(PlaceSignature(Columns(things_around(id)))), Pose::Identity()});
     }
     return part;
   }
@@ -77,8 +82,8 @@ class AllParts : public PlaceParts {
 
 }  // namespace
 
-SyntheticPlaces::SyntheticPlaces(std::uint32_t cells)
-    : graph_(streets(cells)), regions_(std::make_shared<const PlaceRegions>(graph_)) {
+SyntheticPlaces::SyntheticPlaces(PoseGraph graph)
+    : graph_(std::move(graph)), regions_(std::make_shared<const PlaceRegions>(graph_)) {
   const double before_mib = heap_mib();
   parts_ = std::make_shared<const AllParts>(*regions_);
   parts_mib_ = heap_mib() - before_mib;

@@ -11,12 +11,14 @@
 
 namespace cellmap::bench {
 
-/// A map of any size that no LiDAR ever saw: CELLs every 6.44 m along a grid of streets 100 m
-/// apart, each described by things scattered at random around it. As large and as dense as a
-/// city's.
+/// CELLs every 6.44 m along a grid of streets 100 m apart, as in a city.
+PoseGraph street_graph(std::uint32_t cells);
+
+/// A map of any size that no LiDAR ever saw: each CELL is described by things scattered at random
+/// around it.
 class SyntheticPlaces {
  public:
-  explicit SyntheticPlaces(std::uint32_t cells);
+  explicit SyntheticPlaces(PoseGraph graph);
 
   const PoseGraph& graph() const { return graph_; }
   const PlaceRegions& regions() const { return *regions_; }

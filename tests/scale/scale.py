@@ -13,6 +13,7 @@ partition       one of two servers is cut off from the database: it refuses, the
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
 unit-costs      processor time and bytes of one fetch, relocalisation, CELL, scan
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
+places          what relocalisation keeps of as many: in the store, in memory, and the search for candidates
 
 Every row prints a line and is asserted; --json has its figures.
 """
@@ -43,6 +44,7 @@ ROWS = {
     "full-disk": ("postgres", "root"),
     "unit-costs": ("postgres",),
     "capacity": ("postgres",),
+    "places": ("postgres",),
 }
 SHORT = ("server-killed",)
 
