@@ -99,6 +99,7 @@ cellmap::server::HttpServerOptions http_options(const Settings& settings) {
     options.trusted_proxies.push_back(cellmap::server::address_name(proxy).value_or(proxy));
   }
   options.front.max_connections = static_cast<std::size_t>(settings.max_connections);
+  options.front.waits_for_database = !cellmap::store_file(settings.store);
   return options;
 }
 

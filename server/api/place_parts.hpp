@@ -28,7 +28,7 @@ class DescribedCells {
   DescribedCells(const DescribedCells&) = delete;
   DescribedCells& operator=(const DescribedCells&) = delete;
 
-  /// A part that has at least the CELLs of a region: 5 us for each that is new to it, and 0.5 ms
+  /// A part that has at least the CELLs of a region: 5 us for each that is new to it, and 2 ms
   /// where the store has no descriptor of it. Throws as the store and the codec do.
   std::shared_ptr<const PlacePart> part(const PlaceRegions::Region& region);
   bool is_at_hand(const RegionKey& region) const;

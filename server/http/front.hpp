@@ -16,9 +16,11 @@ namespace cellmap::server {
 
 struct FrontOptions {
   std::size_t max_connections = 4096;  ///< held open; beyond them the longest idle one makes room
-  /// For answers that only take processor and disk; 0: two a processor and at least four. More
-  /// only stand in each other's way.
+  /// For answers that only take processor and disk; 0: one a processor and at least two, more would
+  /// only stand in each other's way. Where such answers wait too: eight a processor.
   std::size_t quick_workers = 0;
+  /// Quick answers wait for a database elsewhere. Then no worker takes more than one request.
+  bool waits_for_database = false;
   std::size_t patient_workers = 256;  ///< for those that wait: for bodies, jobs, followers, turns
   std::size_t max_waiting = 256;      ///< requests before each; more get 503 with Retry-After
   HeadLimits head;

@@ -1,12 +1,18 @@
 #include "server/http/quick_workers.hpp"
 
+#include <algorithm>
 #include <array>
+#include <span>
 #include <utility>
 
 namespace cellmap::server {
 
-QuickWorkers::QuickWorkers(std::size_t threads, std::size_t max_waiting, OnReady on_ready)
-    : thread_count_(threads), max_waiting_(max_waiting), on_ready_(std::move(on_ready)) {
+QuickWorkers::QuickWorkers(std::size_t threads, std::size_t at_once, std::size_t max_waiting,
+                           OnReady on_ready)
+    : thread_count_(threads),
+      at_once_(std::clamp<std::size_t>(at_once, 1, kMostAtOnce)),
+      max_waiting_(max_waiting),
+      on_ready_(std::move(on_ready)) {
   poll_.watch(waiting_bell_.descriptor());
   poll_.watch(end_bell_.descriptor());
 }
@@ -56,20 +62,23 @@ void QuickWorkers::finish() {
   threads_.clear();
 }
 
+bool QuickWorkers::handle(int socket) {
+  if (socket == end_bell_.descriptor()) return false;
+  if (socket != waiting_bell_.descriptor()) {
+    on_ready_(socket);
+  } else if (waiting_bell_.hear()) {
+    work_from_queue();
+  }
+  return true;
+}
+
 void QuickWorkers::work() {
-  std::array<epoll_event, 1> event;  // one: what waits behind it may be taken by another thread
-  for (;;) {
+  std::array<epoll_event, kMostAtOnce> events;
+  for (bool is_end = false; !is_end;) {
     ++idle_;
-    const auto ready = poll_.wait(event, std::chrono::milliseconds(-1));
+    const auto ready = poll_.wait(std::span(events).first(at_once_), std::chrono::milliseconds(-1));
     --idle_;
-    if (ready.empty()) continue;
-    const int socket = ready.front().data.fd;
-    if (socket == end_bell_.descriptor()) break;
-    if (socket != waiting_bell_.descriptor()) {
-      on_ready_(socket);
-    } else if (waiting_bell_.hear()) {
-      work_from_queue();
-    }
+    for (const epoll_event& event : ready) is_end |= !handle(event.data.fd);
   }
   while (work_from_queue()) {
   }

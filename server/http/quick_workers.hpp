@@ -22,7 +22,9 @@ class QuickWorkers {
   /// Called by a worker for a socket that is ready; it is not watched any more.
   using OnReady = std::function<void(int socket)>;
 
-  QuickWorkers(std::size_t threads, std::size_t max_waiting, OnReady on_ready);
+  /// A thread takes up to `at_once` sockets, 1 to kMostAtOnce, one after the other: whoever waits
+  /// behind another one in it cannot be taken by an idle thread.
+  QuickWorkers(std::size_t threads, std::size_t at_once, std::size_t max_waiting, OnReady on_ready);
   ~QuickWorkers() { finish(); }
 
   /// Once, before anything is answered.
@@ -40,10 +42,14 @@ class QuickWorkers {
   void finish();
 
  private:
+  static constexpr std::size_t kMostAtOnce = 2;
+
   void work();
+  /// What an event of the poll says. False at the end.
+  bool handle(int socket);
   bool work_from_queue();
 
-  const std::size_t thread_count_, max_waiting_;
+  const std::size_t thread_count_, at_once_, max_waiting_;
   const OnReady on_ready_;
   const Poll poll_;
   const Bell waiting_bell_{true}, end_bell_{false};

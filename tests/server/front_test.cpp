@@ -92,6 +92,7 @@ TEST(Front, WhatComesWhileAllQuickWorkersAreAtWorkWaitsOrIsRefusedAndTheOthersGo
   const int port = listeners.front().port();
   FrontOptions options;
   options.quick_workers = 2;
+  options.waits_for_database = true;  // so that each of them takes one of the slow ones
   options.max_waiting = 3;
   std::atomic<int> at_work = 0;
   std::atomic<bool> released = false;

@@ -101,6 +101,28 @@ TEST_F(PlacePartsTest, WhatWasDescribedOnceIsReadFromTheStoreFromThenOn) {
   cellmap::test::expect_error(ErrorCode::kCorruptData, [&] { described().part(far); });
 }
 
+TEST_F(PlacePartsTest, WhatWasDamagedInTheStoreIsDescribedAnew) {
+  const PlaceRegions all = regions();
+  const auto& near = all.all()[0];
+  const auto made = described().part(near);
+  {
+    SQLite::Database db((folder_.path() / "store.db").string(), SQLite::OPEN_READWRITE);
+    SQLite::Statement update(
+        db, "UPDATE cell_description SET bytes = x'01' || zeroblob(length(bytes) - 1)");
+    ASSERT_EQ(update.exec(), 4);
+  }
+  start();
+  for (int time = 0; time < 2; ++time) {  // the second time it is there again
+    const auto again = described().part(near);
+    for (const CellId id : near.ids) {
+      EXPECT_EQ(to_bytes(*again->find(id)), to_bytes(*made->find(id))) << id.value;
+    }
+  }
+  const auto kept = descriptions_of(*store_).descriptions("town", near.ids);
+  ASSERT_EQ(kept.size(), near.ids.size());
+  EXPECT_EQ(kept[0].bytes, to_bytes(*made->find(near.ids[0])));
+}
+
 TEST_F(PlacePartsTest, ACellThatMovesIsFoundInItsNewRegion) {
   DescribedCells cells = described();
   const PlaceRegions before = regions();

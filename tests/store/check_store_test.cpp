@@ -118,6 +118,17 @@ INSTANTIATE_TEST_SUITE_P(
                "DELETE FROM cell_scans WHERE cell = 3",
                {"drive"},
                "the scans of CELL 3 of map town"},
+        Damage{"DescriptionOfNoCell",
+               "PRAGMA foreign_keys = OFF; INSERT INTO cell_description (map, cell, hash, "
+               "checksum, bytes) VALUES (1, 77, x'00', 0, x'00')",
+               {"reference"},
+               "1 descriptions without a CELL"},
+        Damage{"DescriptionOfACellThatGoes",
+               "PRAGMA foreign_keys = OFF; INSERT INTO cell_description (map, cell, hash, "
+               "checksum, bytes) VALUES (1, 2, x'00', 0, x'00'); DELETE FROM blob WHERE hash = "
+               "(SELECT hash FROM cell WHERE id = 2)",
+               {"content"},
+               "CELL 2 of map town"},
         Damage{"ConstraintToNowhere",
                "PRAGMA foreign_keys = OFF; UPDATE pose_constraint SET to_cell = 77 WHERE id = 1",
                {"reference"},

@@ -27,13 +27,16 @@ PlaceRegions::PlaceRegions(const PoseGraph& graph)
 
 PlaceRegions::PlaceRegions(const PoseGraph& graph, const std::function<bool(CellId)>& holds) {
   std::map<RegionKey, Region> by_key;
+  Region* last = nullptr;  // of the CELL before, which is next to most
   for (const auto& [id, pose] : graph.nodes) {
     if (!holds(id)) continue;
     const Eigen::Vector3d position = pose.translation();
     const RegionKey key{region_column(position.x()), region_column(position.y())};
-    Region& region = by_key.try_emplace(key, Region{key, {}, {}}).first->second;
-    region.ids.push_back(id);
-    region.positions.push_back(position);
+    if (!last || last->key != key) {
+      last = &by_key.try_emplace(key, Region{key, {}, {}}).first->second;
+    }
+    last->ids.push_back(id);
+    last->positions.push_back(position);
     ++cells_;
   }
   regions_.reserve(by_key.size());

@@ -34,7 +34,7 @@ class PlaceRegions {
 
   PlaceRegions() = default;
   explicit PlaceRegions(const PoseGraph& graph);
-  /// Of the CELLs that `holds` says yes to.
+  /// Of the CELLs that `holds`, which is asked in order of id, says yes to.
   PlaceRegions(const PoseGraph& graph, const std::function<bool(CellId)>& holds);
 
   const std::vector<Region>& all() const { return regions_; }  ///< by key; none is empty

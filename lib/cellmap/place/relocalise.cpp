@@ -161,7 +161,11 @@ struct PlaceIndex::Impl {
                                                  const std::optional<PosePrior>& prior) const {
     auto all = regions;
     if (!all) {
-      const auto holds = [&](CellId id) { return whole.find(id) != nullptr; };
+      auto at = whole.ids().begin();
+      const auto holds = [&](CellId id) {
+        while (at != whole.ids().end() && *at < id) ++at;
+        return at != whole.ids().end() && *at == id;
+      };
       all = std::make_shared<const PlaceRegions>(graph, holds);
     }
     if (!prior) return all;
