@@ -11,7 +11,7 @@ from support import note
 
 DELAYS_MS = (0, 1, 5)
 # Times as fast as one by one at 5 ms, at least.
-MUST = {"one_a_commit": 3, "all_in_one": 20, "moved": 20, "read": 1.3}
+MUST = {"one_a_commit": 3, "all_in_one": 20, "moved": 10, "read": 1.3}
 
 
 def rates(program, address, name, cells, one_by_one):
