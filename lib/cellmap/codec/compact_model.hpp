@@ -90,10 +90,6 @@ constexpr int level_of(std::int64_t doublings) {
   return static_cast<int>(std::clamp<std::int64_t>(doublings, 0, kContextLevels - 1));
 }
 
-inline int size_class(std::int64_t value) {
-  return static_cast<int>(std::min<std::int64_t>(std::abs(value), 2));
-}
-
 /// Of a scale: which models code what is counted in its steps.
 constexpr std::size_t kind_of_steps(int scale) { return scale == 0 ? 0 : scale < 0 ? 1 : 2; }
 
@@ -204,14 +200,17 @@ template <typename Coder>
     return;
   }
   const std::size_t kind = version == CompactVersion::k1 ? 0 : kind_of_steps(coded.scale);
-  coded.range = code_integer(coder, model.range[kind][rows + context.range_level(coded.scale)],
-                             kMaxStepDigits, coded.range);
+  const CodedInteger range =
+      code_integer(coder, model.range[kind][rows + context.range_level(coded.scale)],
+                   kMaxStepDigits, coded.range);
+  coded.range = range.value;
   const int row = context.slope_level(coded);
-  coded.s1 =
-      code_integer(coder, model.slopes[0][kind][size_class(coded.range) * kContextLevels + row],
-                   kMaxStepDigits, coded.s1);
-  coded.s2 = code_integer(coder, model.slopes[1][kind][size_class(coded.s1) * kContextLevels + row],
-                          kMaxStepDigits, coded.s2);
+  const CodedInteger s1 = code_integer(
+      coder, model.slopes[0][kind][range.size * kContextLevels + row], kMaxStepDigits, coded.s1);
+  coded.s1 = s1.value;
+  coded.s2 = code_integer(coder, model.slopes[1][kind][s1.size * kContextLevels + row],
+                          kMaxStepDigits, coded.s2)
+                 .value;
 }
 
 /// What is kept from plane to plane.

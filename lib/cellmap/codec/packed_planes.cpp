@@ -66,7 +66,7 @@ template <typename Coder>
 float code_float(Coder& coder, IntegerModel& model, float expected, float value) {
   const std::uint32_t from = ordered(expected);
   const auto step = static_cast<std::int32_t>(ordered(value) - from);  // modulo 2^32
-  const std::int64_t read = code_integer(coder, model, kMaxDigits, std::int64_t{step});
+  const std::int64_t read = code_integer(coder, model, kMaxDigits, std::int64_t{step}).value;
   return from_ordered(from + static_cast<std::uint32_t>(read));
 }
 

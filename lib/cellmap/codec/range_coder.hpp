@@ -156,11 +156,18 @@ struct IntegerModel {
   BitModel second_digit[kDigits];
 };
 
+/// An integer and whether it is 0, +-1 or larger (2): what the next one is coded by. Known by the
+/// way that its bits took, so that the processor need not wait for the integer itself.
+struct CodedInteger {
+  std::int64_t value = 0;
+  int size = 0;
+};
+
 /// `value` of at most `max_digits` binary digits, at most 32, beside its sign. Returns it.
 template <typename Coder>
-[[gnu::always_inline]] inline std::int64_t code_integer(Coder& coder, IntegerModel& model,
+[[gnu::always_inline]] inline CodedInteger code_integer(Coder& coder, IntegerModel& model,
                                                         int max_digits, std::int64_t value = 0) {
-  if (coder.bit(model.is_zero, value == 0)) return 0;
+  if (coder.bit(model.is_zero, value == 0)) return {};
   const bool is_negative = coder.plain_bit(value < 0);
   const auto magnitude = static_cast<std::uint64_t>(value < 0 ? -value : value);
   const auto slot = [](int digits) {
@@ -180,7 +187,7 @@ template <typename Coder>
     read = read << (rest - 1) | coder.bits(rest - 1, static_cast<std::uint32_t>(magnitude) & mask);
   }
   const auto result = static_cast<std::int64_t>(read);
-  return is_negative ? -result : result;
+  return {is_negative ? -result : result, rest > 0 ? 2 : 1};
 }
 
 }  // namespace cellmap
