@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdlib>
 #include <mutex>
 #include <string_view>
 #include <utility>
@@ -16,37 +15,11 @@
 namespace cellmap {
 namespace {
 
-constexpr std::string_view kScheme = "s3://";
 constexpr std::size_t kMostPut = std::size_t{1} << 30;
 constexpr std::size_t kMostListed = 16u << 20, kMostOfAnError = 16u << 10;
 
 using Easy = std::unique_ptr<CURL, void (*)(CURL*)>;
 using Headers = std::unique_ptr<curl_slist, void (*)(curl_slist*)>;
-
-bool is_of(std::string_view text, std::string_view others) {
-  return std::ranges::all_of(text, [&](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || others.find(c) != others.npos;
-  });
-}
-
-std::string bucket_of(const std::string& place) {
-  const std::string rest = place.substr(kScheme.size());
-  return rest.substr(0, rest.find('/'));
-}
-
-/// With its slash at the end, or empty.
-std::string prefix_of(const std::string& place) {
-  const std::string rest = place.substr(kScheme.size());
-  const auto slash = rest.find('/');
-  std::string prefix = slash == rest.npos ? "" : rest.substr(slash + 1);
-  if (!prefix.empty() && prefix.back() != '/') prefix += '/';
-  return prefix;
-}
-
-std::string from_environment(const char* name) {
-  const char* const value = std::getenv(name);
-  return value == nullptr ? "" : value;
-}
 
 /// What stands between two tags, from a position on, which moves behind them; nullopt: nothing
 /// more.
@@ -90,11 +63,11 @@ std::size_t take(char* data, std::size_t, std::size_t count, void* to) {
 class S3Store final : public ObjectStore {
  public:
   explicit S3Store(const ObjectStoreOptions& options)
-      : options_(options), prefix_(prefix_of(options.place)) {
+      : options_(options), prefix_(options.prefix()) {
     base_ = options.endpoint.empty() ? "https://s3." + options.region + ".amazonaws.com"
                                      : options.endpoint;
     while (base_.ends_with('/')) base_.pop_back();
-    base_ += "/" + bucket_of(options.place);
+    base_ += "/" + options.bucket();
   }
 
   void put(const std::string& name, std::span<const std::byte> bytes) override {
@@ -138,7 +111,7 @@ class S3Store final : public ObjectStore {
 
  private:
   std::string url(const std::string& name) const {
-    if (name.empty() || name.size() > 200 || !is_of(name, "-_./")) {
+    if (!is_object_name(name)) {
       throw Error(ErrorCode::kInvalidArgument, "an object's name has other characters");
     }
     return base_ + "/" + prefix_ + name;
@@ -273,35 +246,6 @@ class S3Store final : public ObjectStore {
 };
 
 }  // namespace
-
-void ObjectStoreOptions::take_keys_from_environment() {
-  access_key = from_environment("AWS_ACCESS_KEY_ID");
-  secret_key = from_environment("AWS_SECRET_ACCESS_KEY");
-  session_token = from_environment("AWS_SESSION_TOKEN");
-}
-
-void ObjectStoreOptions::validate() const {
-  const auto refuse = [](const std::string& why) { throw Error(ErrorCode::kInvalidArgument, why); };
-  if (!place.starts_with(kScheme) || bucket_of(place).size() < 3 || bucket_of(place).size() > 63 ||
-      !is_of(bucket_of(place), "-.") || !is_of(prefix_of(place), "-_./") ||
-      prefix_of(place).size() > 200) {
-    refuse(
-        "blobs: expected s3://BUCKET or s3://BUCKET/PREFIX, of a-z, 0-9, '-', '.', and in the "
-        "prefix '_' and '/'");
-  }
-  if (!endpoint.empty() && !endpoint.starts_with("http://") && !endpoint.starts_with("https://")) {
-    refuse("blobs: expected an endpoint like https://s3.example.org");
-  }
-  if (region.empty() || !is_of(region, "-")) refuse("blobs: expected a region like eu-central-1");
-  if (access_key.empty() || secret_key.empty()) {
-    refuse("blobs: set AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY in the environment");
-  }
-  // A header of ours holds it.
-  if (session_token.find_first_of("\r\n") != std::string::npos) {
-    refuse("blobs: AWS_SESSION_TOKEN has a line end");
-  }
-  if (connect_timeout.count() < 1 || timeout.count() < 1) refuse("blobs: expected times above 0");
-}
 
 std::unique_ptr<ObjectStore> open_object_store(const ObjectStoreOptions& options) {
   options.validate();

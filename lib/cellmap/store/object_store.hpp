@@ -1,6 +1,5 @@
 #pragma once
 
-#include <chrono>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -8,24 +7,9 @@
 #include <string>
 
 #include "cellmap/codec/cell_codec.hpp"
+#include "cellmap/store/object_store_options.hpp"
 
 namespace cellmap {
-
-struct ObjectStoreOptions {
-  std::string place;                 ///< s3://BUCKET[/PREFIX]
-  std::string endpoint;              ///< http[s]://HOST[:PORT]; empty: Amazon's of the region
-  std::string region = "us-east-1";  ///< signed with; most other services take any
-  std::string access_key, secret_key;
-  std::string session_token;  ///< of temporary keys; mostly empty
-  std::chrono::milliseconds connect_timeout = std::chrono::seconds(3);
-  std::chrono::milliseconds timeout = std::chrono::seconds(10);  ///< of one request
-
-  /// The keys as AWS's own programs have them: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
-  /// AWS_SESSION_TOKEN.
-  void take_keys_from_environment();
-  /// Throws Error{kInvalidArgument}: no such place or endpoint, keys that are missing.
-  void validate() const;
-};
 
 /// An object in a listing.
 struct StoredObject {
