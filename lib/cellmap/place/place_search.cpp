@@ -70,7 +70,9 @@ std::vector<const PlaceRegions::Region*> in_order_of_search(const PlaceRegions& 
   std::vector<const PlaceRegions::Region*> order;
   order.reserve(regions.all().size());
   for (const auto& region : regions.all()) order.push_back(&region);
-  std::ranges::stable_partition(order, [&](const auto* r) { return parts.is_at_hand(r->key); });
+  // Not of std::ranges, whose result clang 14 cannot compile.
+  std::stable_partition(order.begin(), order.end(),
+                        [&](const auto* r) { return parts.is_at_hand(r->key); });
   return order;
 }
 
