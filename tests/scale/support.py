@@ -28,6 +28,19 @@ class World(OneServer):
         return json.loads(fleet.communicate()[0])
 
 
+def timed(act):
+    """What came of it, in words, and how many seconds it took."""
+    begun = time.monotonic()
+    try:
+        act()
+        what = "answered"
+    except Refused as refused:
+        what = f"{refused.status} {refused.code}"
+    except Lost:
+        what = "no answer"
+    return what, round(time.monotonic() - begun, 2)
+
+
 def wait_until(act, seconds, what):
     """Until `act` succeeds and returns something true; its result."""
     deadline, last = time.monotonic() + seconds, None

@@ -24,7 +24,7 @@ constexpr std::size_t kMostUnanswered = 256, kMostUnansweredBytes = 4u << 20;
 /// So many questions are on their way at once.
 constexpr std::size_t kAskedAtOnce = 256;
 
-constexpr std::string_view kBeginRead = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+constexpr const char* kBeginRead = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
 // A writer that is cut off from the database must not hold up the others for ever.
 constexpr const char* kNotIdleForLong = "SET LOCAL idle_in_transaction_session_timeout = '10s'";
 
@@ -172,7 +172,8 @@ void PostgresConnection::execute(const char* sql) {
   if (begin_.empty()) return link_.run_script(sql);
   if (words == "COMMIT") return commit(sql);
   if (words == "ROLLBACK") {
-    const bool holds_locks = begin_.front() != kBeginRead;  // which others may not find afterwards
+    const bool holds_locks =
+        begin_.front() != std::string_view(kBeginRead);  // which others may not find afterwards
     begin_.clear();
     link_.send_and_forget(sql);
     if (holds_locks || one_by_one_) link_.settle();
@@ -308,9 +309,7 @@ void PostgresConnection::ask(const std::vector<Question>& questions) {
   }
 }
 
-void PostgresConnection::begin_read() {
-  begin({"BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"});
-}
+void PostgresConnection::begin_read() { begin({kBeginRead}); }
 
 /// As SQLite: one transaction that writes at a time, whichever server it comes from; it does not
 /// wait for readers, nor they for it.

@@ -7,7 +7,7 @@ import subprocess
 import time
 
 from database import Cluster
-from support import TESTS, Lost, Refused, Server, World, note, wait_until
+from support import TESTS, Server, World, note, timed, wait_until
 from uploader import Uploader, count_of, lost
 from writers import CELL, content
 
@@ -19,19 +19,6 @@ def stand_in(order, folder):
     subprocess.run([str(TESTS / "support" / "object_store.sh"), order, str(folder)], check=True, stdout=subprocess.DEVNULL)
 
 
-def told(act):
-    """What came of it, in words, and how many seconds it took."""
-    begun = time.monotonic()
-    try:
-        act()
-        what = "answered"
-    except Refused as refused:
-        what = f"{refused.status} {refused.code}"
-    except Lost:
-        what = "no answer"
-    return what, round(time.monotonic() - begun, 2)
-
-
 def while_hanging(world, robot, process):
     cell, (digest, _) = min(world.cells.items())
     hot = f"/v1/maps/town/cells/{cell}?hash={digest}"
@@ -39,9 +26,9 @@ def while_hanging(world, robot, process):
     os.kill(process, signal.SIGSTOP)
     try:
         begun = time.monotonic()
-        ready = told(lambda: world.api.call("GET", "/readyz"))
-        others = {"hot": told(lambda: world.api.call("GET", hot, accept=CELL)), "graph": told(lambda: world.api.get("/v1/maps/town/pose-graph")),
-                  "map": told(lambda: world.api.get("/v1/maps/town"))}
+        ready = timed(lambda: world.api.call("GET", "/readyz"))
+        others = {"hot": timed(lambda: world.api.call("GET", hot, accept=CELL)), "graph": timed(lambda: world.api.get("/v1/maps/town/pose-graph")),
+                  "map": timed(lambda: world.api.get("/v1/maps/town"))}
         time.sleep(max(0.0, HANGS_S - (time.monotonic() - begun)))
     finally:
         os.kill(process, signal.SIGCONT)

@@ -7,7 +7,7 @@ import urllib.request
 
 from database import Cluster
 from link import Link
-from support import Lost, Refused, Server, World, note, percentile, wait_until
+from support import Server, World, note, percentile, timed, wait_until
 from uploader import Uploader, count_of, lost
 from writers import CELL, content
 
@@ -29,19 +29,6 @@ def fetch_times(world, by_hash, count):
         if data != open(path, "rb").read():
             raise RuntimeError(f"CELL {cell} came with other bytes")
     return times
-
-
-def timed(act):
-    """What came of it, in words, and how many seconds it took."""
-    begun = time.monotonic()
-    try:
-        act()
-        told = "answered"
-    except Refused as refused:
-        told = f"{refused.status} {refused.code}"
-    except Lost:
-        told = "no answer"
-    return told, round(time.monotonic() - begun, 2)
 
 
 def asked(api):
