@@ -355,23 +355,4 @@ std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
   return stretches;
 }
 
-std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
-                                 const std::optional<std::string>& session) {
-  std::vector<Bytes> contents;
-  Query rows(connection,
-             "SELECT DISTINCT hash FROM cell WHERE map = ? AND session = COALESCE(?, session)", map,
-             session);
-  while (rows.next()) contents.emplace_back(rows.bytes(0).begin(), rows.bytes(0).end());
-  return contents;
-}
-
-void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents) {
-  for (const Bytes& content : contents) {
-    Query(connection,
-          "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",
-          content, content)
-        .run();
-  }
-}
-
 }  // namespace cellmap

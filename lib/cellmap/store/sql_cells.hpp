@@ -56,10 +56,4 @@ std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& ma
 std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                                   const std::string& session);
 
-/// Hashes of the blobs of a map's CELLs, or of one session's.
-std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
-                                 const std::optional<std::string>& session);
-/// Deletes those of the blobs that no CELL has.
-void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents);
-
 }  // namespace cellmap
