@@ -10,8 +10,8 @@ CurrentCell current_cell(const Store& store, const std::string& map, CellId id) 
   return {revision, store.cell(map, id)};
 }
 
-std::optional<RememberedCell> remembered_cell(const Store& store, const std::string& map, CellId id,
-                                              const std::string& hash) {
+std::optional<CurrentCell> remembered_cell(const Store& store, const std::string& map, CellId id,
+                                           const std::string& hash) {
   const auto* const cells = dynamic_cast<const CurrentCells*>(&store);
   return cells ? cells->remembered_cell(map, id, hash) : std::nullopt;
 }

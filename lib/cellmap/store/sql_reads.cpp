@@ -69,7 +69,7 @@ MapRow map_from_row(const Query& row) {
 
 MapRow find_map(SqlConnection& connection, const std::string& name, const std::string& lock) {
   Query row(connection, select_map("WHERE name = ?" + lock), name);
-  if (!row.next()) throw Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
+  if (!row.next()) throw no_map(name);
   return map_from_row(row);
 }
 
@@ -159,6 +159,10 @@ void read_old_graph(SqlConnection& connection, std::int64_t map, PoseGraph& grap
 }
 
 }  // namespace
+
+Error no_map(const std::string& name) {
+  return Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
+}
 
 MapRow read_map_row(SqlConnection& connection, const std::string& name) {
   return find_map(connection, name, "");

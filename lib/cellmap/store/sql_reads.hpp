@@ -19,6 +19,7 @@ struct MapRow {
   Revision oldest = 0;  ///< that can be read
 };
 
+Error no_map(const std::string& name);
 /// Error{kNotFound} where there is no such map.
 MapRow read_map_row(SqlConnection& connection, const std::string& name);
 /// The same, newest, and nobody else writes to the map until the transaction ends.

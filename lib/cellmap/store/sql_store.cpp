@@ -216,31 +216,29 @@ std::shared_ptr<const KnownCell> SqlStore::known_cell(const std::string& map, Ce
 }
 
 CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
-  if (const auto known = known_cell(map, id)) return {known->revision, known->record};
+  if (const auto known = known_cell(map, id)) return with_bytes(*known);
   const auto state = database_->known.state();  // before it is read
-  const auto cell = database_->readers.read([&](SqlConnection& c) {
-    const MapRow row = read_map_row(c, map);
-    std::optional<CellRecord> record;
-    std::optional<KeptRow> kept;
-    Questions questions;
-    ask_cell(questions, row.key, id, [&](CellRecord found) { record = std::move(found); });
-    ask_kept(questions, row.key, id, [&](const KeptRow& found) { kept = found; });
-    questions.ask(c);
-    if (!record || !kept) throw no_cell(map, id);
-    return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
-  });
+  const auto cell = std::make_shared<const KnownCell>(
+      database_->readers.read([&](SqlConnection& c) { return read_cell_of_map(c, map, id); }));
   if (database_->is_only_writer && state) database_->known.insert(*state, map, cell);
   if (!database_->is_only_writer) database_->remembered.insert(this_minute(), map, cell);
-  return {cell->revision, cell->record};
+  return with_bytes(*cell);
 }
 
-std::optional<RememberedCell> SqlStore::remembered_cell(const std::string& map, CellId id,
-                                                        const std::string& hash) const {
+CurrentCell SqlStore::with_bytes(const KnownCell& cell) const {
+  CurrentCell current{cell.revision, cell.record};
+  StoredCell stored{cell.kept.hash, cell.kept.form, database_->cache.find(cell.kept.content)};
+  if (stored.frame) current.stored = std::move(stored);
+  return current;
+}
+
+std::optional<CurrentCell> SqlStore::remembered_cell(const std::string& map, CellId id,
+                                                     const std::string& hash) const {
   const auto cell = database_->remembered.find(this_minute(), map, id);
   if (!cell || to_hex(cell->record.hash) != hash) return std::nullopt;
-  StoredCell stored{cell->kept.hash, cell->kept.form, database_->cache.find(cell->kept.content)};
-  if (!stored.frame) return std::nullopt;
-  return RememberedCell{{cell->revision, cell->record}, std::move(stored)};
+  CurrentCell current = with_bytes(*cell);
+  if (!current.stored) return std::nullopt;
+  return current;
 }
 
 std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,
@@ -262,10 +260,9 @@ StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
   ContentHash content;
   BlobRow row;
   StoredCell cell = database_->readers.read([&](SqlConnection& c) {
-    const auto kept = find_kept(c, read_map_row(c, map).key, id);
-    if (!kept) throw no_cell(map, id);
-    content = kept->content;
-    StoredCell read{kept->hash, kept->form, database_->cache.find(content)};
+    const KeptRow kept = read_cell_of_map(c, map, id).kept;
+    content = kept.content;
+    StoredCell read{kept.hash, kept.form, database_->cache.find(content)};
     if (!read.frame) row = read_blob_row(c, content);
     return read;
   });

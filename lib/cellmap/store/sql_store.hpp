@@ -81,8 +81,8 @@ class SqlStore : public Store,
   CellPage cells(const std::string& map, const CellQuery& query) const override;
   CellRecord cell(const std::string& map, CellId id) const override;
   CurrentCell current_cell(const std::string& map, CellId id) const override;
-  std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
-                                                const std::string& hash) const override;
+  std::optional<CurrentCell> remembered_cell(const std::string& map, CellId id,
+                                             const std::string& hash) const override;
   std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                   std::size_t count) const override;
   StoredCell stored_cell(const std::string& map, CellId id) const override;
@@ -159,6 +159,7 @@ class SqlStore : public Store,
   UpdateFrames frames_of(const MapUpdate& update) const;
   /// Null where it has to be read.
   std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
+  CurrentCell with_bytes(const KnownCell& cell) const;
   SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);
   static Stamp now();
   /// For changes of rows that they lock themselves, beside those of `writers`.
