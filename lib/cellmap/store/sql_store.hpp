@@ -11,7 +11,6 @@
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/blobs.hpp"
 #include "cellmap/store/claims.hpp"
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/known_cells.hpp"
@@ -53,8 +52,7 @@ class SqlStore : public Store,
                  public Staging,
                  public Claims,
                  public Parts,
-                 public Descriptions,
-                 public CurrentCells {
+                 public Descriptions {
  public:
   explicit SqlStore(SqlEngine engine);
 
