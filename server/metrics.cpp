@@ -90,13 +90,15 @@ struct Metrics::Impl {
     prometheus::Histogram* latency;
   };
   /// Kept beside the families, which make labels and a series anew to find the one that is there.
-  Series series_of(const std::string& route, const std::string& method, int status) {
+  Series series_of(std::string_view route, std::string_view method, int status) {
     const std::lock_guard lock(mutex);
     const auto found = series.find(std::tie(route, method, status));
     if (found != series.end()) return found->second;
-    const Series made{
-        &requests.Add({{"route", route}, {"method", method}, {"code", std::to_string(status)}}),
-        &latency.Add({{"route", route}, {"method", method}}, kLatencyBuckets_s)};
+    const Series made{&requests.Add({{"route", std::string(route)},
+                                     {"method", std::string(method)},
+                                     {"code", std::to_string(status)}}),
+                      &latency.Add({{"route", std::string(route)}, {"method", std::string(method)}},
+                                   kLatencyBuckets_s)};
     series.emplace(std::tuple(route, method, status), made);
     return made;
   }
@@ -141,8 +143,8 @@ struct Metrics::Impl {
 Metrics::Metrics() : impl_(std::make_unique<Impl>()) {}
 Metrics::~Metrics() = default;
 
-void Metrics::request(const std::string& route, const std::string& method, int status,
-                      double seconds, std::size_t bytes_out) {
+void Metrics::request(std::string_view route, std::string_view method, int status, double seconds,
+                      std::size_t bytes_out) {
   const Impl::Series series = impl_->series_of(route, method, status);
   series.requests->Increment();
   series.latency->Observe(seconds);

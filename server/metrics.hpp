@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 namespace cellmap::server {
 
@@ -31,7 +32,7 @@ class Metrics {
   ~Metrics();
 
   /// `route` is a pattern, never a path: the number of label values is bounded.
-  void request(const std::string& route, const std::string& method, int status, double seconds,
+  void request(std::string_view route, std::string_view method, int status, double seconds,
                std::size_t bytes_out);
   void relocalisation(bool found);
   /// Another server, by its URL, was asked to search its regions: "answered", "failed", or

@@ -116,8 +116,12 @@ void Api::stop() {
 
 namespace {
 
+std::string_view path_of(std::string_view target) {
+  return target.substr(0, target.find_first_of("?#"));
+}
+
 const Route* route_of(const Router& router, std::string_view method, std::string_view target) {
-  return router.find(method, target.substr(0, target.find_first_of("?#"))).route;
+  return router.find(method, path_of(target)).route;
 }
 
 }  // namespace
@@ -136,8 +140,7 @@ std::unique_ptr<ByteFile> Api::file_for_body(std::string_view method,
 
 bool Api::may_wait(std::string_view method, std::string_view target) const {
   if (method != "GET" && method != "HEAD") return true;  // for the map's writer, or for a turn
-  const Route* route = route_of(router_, method, target);
-  return route && route->waits;
+  return router_.may_wait(method, path_of(target));
 }
 
 /// A request on its way, and what became known of it.
@@ -147,10 +150,12 @@ struct Api::Exchange {
   Router::Match match;
   auth::Caller caller;
 
-  std::string pattern() const { return match.route ? match.route->pattern : "none"; }
-  std::string map() const {
-    const auto found = match.path.find("map");
-    return found == match.path.end() ? "" : found->second;
+  std::string_view pattern() const {
+    return match.route ? std::string_view(match.route->pattern) : "none";
+  }
+  std::string_view map() const {
+    const std::string* name = match.path.find("map");
+    return name ? std::string_view(*name) : std::string_view();
   }
 };
 
@@ -158,10 +163,10 @@ namespace {
 
 /// The map that a request is about, where its path says so.
 std::optional<std::string> map_of(const Router::Match& match, const JobQueue& jobs) {
-  if (const auto map = match.path.find("map"); map != match.path.end()) return map->second;
-  const auto job = match.path.find("job");
-  if (job == match.path.end()) return std::nullopt;
-  const auto id = parse_unsigned(job->second);
+  if (const std::string* map = match.path.find("map")) return *map;
+  const std::string* job = match.path.find("job");
+  if (!job) return std::nullopt;
+  const auto id = parse_unsigned(*job);
   if (!id || *id > UINT32_MAX) return std::nullopt;
   try {
     return jobs.job(JobId{static_cast<std::uint32_t>(*id)}).record.map;
@@ -171,7 +176,7 @@ std::optional<std::string> map_of(const Router::Match& match, const JobQueue& jo
   }
 }
 
-void log_request(spdlog::logger& log, const Request& request, const std::string& route,
+void log_request(spdlog::logger& log, const Request& request, std::string_view route,
                  const std::string& caller, const Response& response, double seconds) {
   if (!log.should_log(spdlog::level::debug)) return;
   const std::string text = fmt::format("[{}] {} {} {} {:.1f} ms", request.id, request.method,
@@ -214,9 +219,11 @@ std::optional<Response> Api::admit(const Request& request, Exchange& exchange) c
   auth::Guard* guard = services_->options.guard;
   if (request.caller) exchange.caller = *request.caller;
   if (!route || !guard || request.caller) return std::nullopt;
-  auth::Demand demand{route->scope, {}, request.headers.get("Authorization"), request.address};
-  if (route->for_servers)
+  auth::Demand demand{route->scope, {}, {}, request.address};
+  if (const auto field = request.headers.get("Authorization")) demand.field = *field;
+  if (route->for_servers) {
     demand.for_servers = std::max<std::size_t>(1, services_->place_servers.others());
+  }
   if (guard->asks_for_tokens()) demand.map = map_of(exchange.match, services_->jobs);
   auto verdict = guard->admit(demand);
   exchange.caller = std::move(verdict.caller);
@@ -237,7 +244,7 @@ Response Api::answer(const Request& request, Exchange& exchange) const {
   }
   const Route& route = *match.route;
   if (!route.types.empty() && !negotiate(request.headers.get("Accept"), route.types)) {
-    return not_acceptable(route.types.front());
+    return not_acceptable(route.types);
   }
   if (is_staged(exchange.map())) {  // which is nobody's business yet
     return problem(ErrorCode::kNotFound, "There is no map " + in_quotes(exchange.map()) + ".");
@@ -309,8 +316,8 @@ void Api::finish(const Request& request, const Exchange& exchange, Response& res
   if (route && is_write(route->scope)) audit(request, exchange, response);
   const double seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - exchange.start).count();
-  services_->metrics.request(exchange.pattern(), route ? request.method : "other", response.status,
-                             seconds, body_view(response).size());
+  services_->metrics.request(exchange.pattern(), route ? std::string_view(request.method) : "other",
+                             response.status, seconds, body_view(response).size());
   log_request(*services_->log, request, exchange.pattern(), exchange.caller.name, response,
               seconds);
 }
@@ -320,7 +327,8 @@ void Api::audit(const Request& request, const Exchange& exchange, const Response
   try {
     services_->options.audit->write({request.id, exchange.caller.name, request.address,
                                      request.method, std::string(exchange.target.path),
-                                     exchange.map(), response.status, problem_code(response)});
+                                     std::string(exchange.map()), response.status,
+                                     problem_code(response)});
   } catch (const Error& error) {
     // What was done is done; the operator has to know that its record is not whole.
     services_->log->error("[{}] {}", request.id, error.what());

@@ -108,7 +108,7 @@ Response get_archive(Services& services, ArchiveFiles& files, const Call& call) 
   const auto& map = call.path("map");
   const ArchiveOptions options = read_options(services, call);
   const std::string now = etag_of(footer_now(services.store, map), options);
-  const auto is_named = [](const std::string& condition, const std::string& etag) {
+  const auto is_named = [](std::string_view condition, const std::string& etag) {
     return matches_etag(condition, std::array{etag});
   };
   Response response;

@@ -32,7 +32,7 @@ class BackupFile {
   };
 
   /// What is there under this condition, else, without one, a new backup.
-  Entry open(Services& services, const std::optional<std::string>& if_match) {
+  Entry open(Services& services, std::optional<std::string_view> if_match) {
     const std::unique_lock lock(mutex_, kBackupPatience);
     if (!lock) throw Error(ErrorCode::kUnavailable, "Another backup is being made; try again.");
     if (if_match) {

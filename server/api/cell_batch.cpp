@@ -89,9 +89,9 @@ Batch read_batch(const Store& store, const std::string& map, const Json& json) {
 }
 
 Response batch_cells(Services& services, CodedCells& coded_cells, const Call& call) {
-  const std::vector<std::string> types{kCellsType, kCodedCellsType};
+  constexpr std::array<std::string_view, 2> types{kCellsType, kCodedCellsType};
   const auto type = negotiate(call.header("Accept"), types);
-  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  if (!type) return not_acceptable(types);
   std::optional<CodedForm> form;
   if (*type == kCodedCellsType) form = coded_form(*call.header("Accept"), *type);
   // Of a batch all bytes of each CELL are sent: a coarse reader cannot tell where a file would end.
@@ -120,7 +120,7 @@ Response batch_cells(Services& services, CodedCells& coded_cells, const Call& ca
   }
   Response response;
   response.headers.set("Content-Type",
-                       form ? *type + to_parameters(sent_form.value_or(*form)) : *type);
+                       std::string(*type) + (form ? to_parameters(sent_form.value_or(*form)) : ""));
   response.headers.set("CELLmap-Revision", std::to_string(revision));
   if (sent < asked.ids.size()) {
     response.headers.set("CELLmap-Remaining", std::to_string(asked.ids.size() - sent));

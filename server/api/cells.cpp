@@ -6,7 +6,6 @@
 #include "cellmap/codec/cell_codec.hpp"
 #include "cellmap/codec/coded_cell.hpp"
 #include "cellmap/core/error.hpp"
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/read_cell.hpp"
 #include "server/api/api.hpp"
 #include "server/api/coded_cells.hpp"
@@ -103,9 +102,10 @@ std::string number_text(double value) {
 
 /// The three forms of a CELL, each with its own entity tag.
 struct CellTags {
-  explicit CellTags(const std::string& hash)
-      : identity('"' + hash + '"'), zstd('"' + hash + "-zstd\""), json('"' + hash + "-json\"") {}
-  std::string identity, zstd, json;
+  std::string hash;  ///< in hexadecimal digits
+  std::string identity() const { return '"' + hash + '"'; }
+  std::string zstd() const { return '"' + hash + "-zstd\""; }
+  std::string json() const { return '"' + hash + "-json\""; }
 };
 
 /// The whole or the asked range of bytes with the entity tag `tag`.
@@ -134,17 +134,17 @@ Response binary_cell(const Call& call, const StoredCell& stored, const CellTags&
                      Response response) {
   response.headers.set("Content-Type", kCellType);
   const auto condition = call.header("If-Range");
-  const bool is_range = call.header("Range") && (!condition || *condition == tags.identity);
+  const bool is_range = call.header("Range") && (!condition || *condition == tags.identity());
   if (!is_range && stored.form.encoding == KeptEncoding::kRaw &&
       accepts_coding(call.header("Accept-Encoding"), "zstd")) {
-    response.headers.set("ETag", tags.zstd);
+    response.headers.set("ETag", tags.zstd());
     response.headers.set("Content-Encoding", "zstd");
     response.body = SharedBytes{stored.frame, 0, stored.frame->size()};
     return response;
   }
   auto bytes = std::make_shared<const Bytes>(encoded_of(stored).bytes);
   const std::size_t size = bytes->size();
-  return ranged(call, std::move(response), std::move(bytes), size, tags.identity);
+  return ranged(call, std::move(response), std::move(bytes), size, tags.identity());
 }
 
 /// A coded form, or its coarse layer, which is its first bytes.
@@ -168,22 +168,21 @@ Response coded_cell(CodedCells& coded_cells, const Call& call, const CellRecord&
 }
 
 Response get_cell(Services& services, CodedCells& coded_cells, const Call& call) {
-  const std::vector<std::string> types{kCellType, "application/json", kCodedCellType};
+  constexpr std::array<std::string_view, 3> types{kCellType, "application/json", kCodedCellType};
   const auto type = negotiate(call.header("Accept"), types);
-  if (!type) return not_acceptable(types[0] + ", " + types[1] + " or " + types[2]);
+  if (!type) return not_acceptable(types);
   const auto& map = call.path("map");
   const CellId id{call.path_id("cell")};
   const auto asked = call.query("hash");
-  const auto remembered = asked ? remembered_cell(services.store, map, id, *asked) : std::nullopt;
+  const auto remembered = asked ? services.store.remembered_cell(map, id, *asked) : std::nullopt;
   const auto [revision, record] =
-      remembered ? remembered->cell : current_cell(services.store, map, id);
-  const std::string hash = to_hex(record.hash);
-  const CellTags tags(hash);
+      remembered ? remembered->cell : services.store.current_cell(map, id);
+  const CellTags tags{to_hex(record.hash)};
 
   // A CELL gets other content where its map is converted: for ever is only what a hash names.
-  if (asked && *asked != hash) {
+  if (asked && *asked != tags.hash) {
     throw Error(ErrorCode::kNotFound,
-                "The CELL has not the content 'hash' names (any more), but " + hash + ".");
+                "The CELL has not the content 'hash' names (any more), but " + tags.hash + ".");
   }
   Response response;
   response.headers.set("Cache-Control",
@@ -194,9 +193,10 @@ Response get_cell(Services& services, CodedCells& coded_cells, const Call& call)
   if (*type == kCodedCellType) return coded_cell(coded_cells, call, record, std::move(response));
   const bool as_json = *type == "application/json";
   const auto condition = call.header("If-None-Match");
-  if (condition && matches_etag(*condition, std::array{tags.identity, tags.zstd, tags.json})) {
+  if (condition &&
+      matches_etag(*condition, std::array{tags.identity(), tags.zstd(), tags.json()})) {
     const bool zstd = accepts_coding(call.header("Accept-Encoding"), "zstd");
-    response.headers.set("ETag", as_json ? tags.json : zstd ? tags.zstd : tags.identity);
+    response.headers.set("ETag", as_json ? tags.json() : zstd ? tags.zstd() : tags.identity());
     response.status = 304;
     return response;
   }
@@ -207,7 +207,7 @@ Response get_cell(Services& services, CodedCells& coded_cells, const Call& call)
   say_bound(response, stored.form);
   if (!as_json) return binary_cell(call, stored, tags, std::move(response));
   response.headers.set("Content-Type", "application/json");
-  response.headers.set("ETag", tags.json);
+  response.headers.set("ETag", tags.json());
   response.body = dump(cell_document(record, *open_stored_cell(stored).cell));
   return response;
 }
@@ -298,7 +298,7 @@ Response put_cell(Services& services, const Call& call) {
 }  // namespace
 
 void add_cell_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   router.add({"GET",
               "/v1/maps/{map}/cells",
               {"near", "radius", "bbox", "since", "session", "limit", "cursor"},

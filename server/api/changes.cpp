@@ -70,9 +70,9 @@ void wait_for_news(Services& services, const std::string& map, Revision since, d
 }
 
 Response changes(Services& services, const Call& call) {
-  const std::vector<std::string> types{"application/json", kChangesType};
+  constexpr std::array<std::string_view, 2> types{"application/json", kChangesType};
   const auto type = negotiate(call.header("Accept"), types);
-  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  if (!type) return not_acceptable(types);
   const auto& map = call.path("map");
   const Revision since = call.query_integer("since", 0, INT64_MAX).value_or(0);
   wait_for_news(services, map, since, call.query_number("wait_s", 0, kMaxWait_s).value_or(0));

@@ -42,7 +42,7 @@ ContentHash key_of(const ContentHash& hash, const CodedForm& form) {
 
 }  // namespace
 
-CodedForm coded_form(const std::string& accept, const std::string& type) {
+CodedForm coded_form(std::string_view accept, std::string_view type) {
   CodedForm form;
   std::optional<double> bound_m;
   for (const auto element : split(accept, ',')) {

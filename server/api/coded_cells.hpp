@@ -22,7 +22,7 @@ struct CodedForm {
 /// The parameters of `type` in an Accept value: encoding=packed (as without one) or compact, with
 /// bound=M in metres (0.02 without one), and layers=coarse. Throws Error{kInvalidArgument} for what
 /// they cannot be.
-CodedForm coded_form(const std::string& accept, const std::string& type);
+CodedForm coded_form(std::string_view accept, std::string_view type);
 
 /// The form as parameters of a media type: ";encoding=compact;bound=0.02".
 std::string to_parameters(const CodedForm& form);

@@ -99,7 +99,7 @@ Response put_comparison(Services& services, const Call& call) {
 }  // namespace
 
 void add_comparison_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string path = "/v1/maps/{map}/comparison";
   router.add(
       {"GET", path, {}, 0, json, [&](const Call& call) { return get_comparison(services, call); }});

@@ -12,8 +12,7 @@ constexpr int kThinLinkLevel = 19, kLevel = 3;
 }  // namespace
 
 void compress_if_accepted(const Call& call, Response& response) {
-  const auto vary = response.headers.get("Vary");
-  response.headers.set("Vary", vary ? *vary + ", Accept-Encoding" : "Accept-Encoding");
+  response.headers.add("Vary", "Accept-Encoding");
   if (!accepts_coding(call.header("Accept-Encoding"), "zstd")) return;
   const auto body = body_view(response);
   Bytes frame =

@@ -13,19 +13,22 @@ struct Weighted {
   double quality = 1;
 };
 
-std::vector<Weighted> parse_weighted(std::string_view header) {
-  std::vector<Weighted> list;
-  for (const auto element : split(header, ',')) {
-    const auto parts = split(element, ';');
-    if (parts.empty() || parts[0].empty()) continue;
-    Weighted weighted{parts[0]};
-    for (const auto part : std::span(parts).subspan(1)) {
-      if (!part.starts_with("q=") && !part.starts_with("Q=")) continue;
-      weighted.quality = std::clamp(parse_number(part.substr(2)).value_or(0), 0.0, 1.0);
-    }
-    list.push_back(weighted);
-  }
-  return list;
+/// Calls `use` for each element.
+template <typename Use>
+void for_each_weighted(std::string_view header, const Use& use) {
+  for_each_part(header, ',', [&](std::string_view element) {
+    Weighted weighted;
+    bool is_first = true;
+    for_each_part(element, ';', [&](std::string_view part) {
+      if (is_first) {
+        weighted.name = part;
+      } else if (part.starts_with("q=") || part.starts_with("Q=")) {
+        weighted.quality = std::clamp(parse_number(part.substr(2)).value_or(0), 0.0, 1.0);
+      }
+      is_first = false;
+    });
+    if (!weighted.name.empty()) use(weighted);
+  });
 }
 
 /// 3: the type itself, 2: its "type/*", 1: "*/*", 0: no match. More specific wins (RFC
@@ -38,24 +41,25 @@ int specificity(std::string_view pattern, std::string_view type) {
   return equal_no_case(prefix, type.substr(0, prefix.size())) ? 2 : 0;
 }
 
-double quality_of(std::string_view type, std::span<const Weighted> accept) {
+double quality_of(std::string_view type, std::string_view accept) {
   int best = 0;
   double quality = 0;
-  for (const auto& element : accept) {
+  for_each_weighted(accept, [&](const Weighted& element) {
     const int match = specificity(element.name, type);
-    if (match <= best) continue;
+    if (match <= best) return;
     best = match;
     quality = element.quality;
-  }
+  });
   return quality;
 }
 
-std::optional<double> coding_quality(std::string_view name, std::span<const Weighted> list) {
-  const auto* found = std::ranges::find_if(
-      list.data(), list.data() + list.size(),
-      [&](const Weighted& element) { return equal_no_case(element.name, name); });
-  if (found == list.data() + list.size()) return std::nullopt;
-  return found->quality;
+/// Of the first that is named so.
+std::optional<double> coding_quality(std::string_view name, std::string_view accept_encoding) {
+  std::optional<double> quality;
+  for_each_weighted(accept_encoding, [&](const Weighted& element) {
+    if (!quality && equal_no_case(element.name, name)) quality = element.quality;
+  });
+  return quality;
 }
 
 }  // namespace
@@ -94,14 +98,13 @@ RangeRequest parse_range(std::string_view header, std::size_t size) {
   return {.satisfiable = true, .range = ByteRange{*first, end - *first + 1}};
 }
 
-std::optional<std::string> negotiate(const std::optional<std::string>& accept,
-                                     std::span<const std::string> available) {
+std::optional<std::string_view> negotiate(std::optional<std::string_view> accept,
+                                          std::span<const std::string_view> available) {
   if (!accept || trimmed(*accept).empty()) return available.front();
-  const auto list = parse_weighted(*accept);
-  std::optional<std::string> best;
+  std::optional<std::string_view> best;
   double best_quality = 0;
-  for (const auto& type : available) {
-    const double quality = quality_of(type, list);
+  for (const auto type : available) {
+    const double quality = quality_of(type, *accept);
     if (quality <= best_quality) continue;
     best = type;
     best_quality = quality;
@@ -109,12 +112,12 @@ std::optional<std::string> negotiate(const std::optional<std::string>& accept,
   return best;
 }
 
-bool accepts_coding(const std::optional<std::string>& accept_encoding, std::string_view coding) {
+bool accepts_coding(std::optional<std::string_view> accept_encoding, std::string_view coding) {
   if (!accept_encoding) return false;
-  const auto list = parse_weighted(*accept_encoding);
-  auto quality = coding_quality(coding, list);
-  if (!quality) quality = coding_quality("*", list);
-  return quality.value_or(0) > 0 && *quality >= coding_quality("identity", list).value_or(0);
+  auto quality = coding_quality(coding, *accept_encoding);
+  if (!quality) quality = coding_quality("*", *accept_encoding);
+  return quality.value_or(0) > 0 &&
+         *quality >= coding_quality("identity", *accept_encoding).value_or(0);
 }
 
 std::string media_type(std::string_view content_type) {
@@ -123,7 +126,7 @@ std::string media_type(std::string_view content_type) {
   return type;
 }
 
-std::optional<ByteRange> answer_range(const std::optional<std::string>& range, std::size_t size,
+std::optional<ByteRange> answer_range(std::optional<std::string_view> range, std::size_t size,
                                       Response& response) {
   const auto asked = range ? parse_range(*range, size) : RangeRequest{};
   if (!asked.satisfiable) return std::nullopt;

@@ -32,17 +32,17 @@ RangeRequest parse_range(std::string_view header, std::size_t size);
 
 /// The part of `size` bytes that a Range header asks for, or all of them; says so in the response
 /// (206, Content-Range). Nullopt: there is no such part (`range_not_satisfiable`).
-std::optional<ByteRange> answer_range(const std::optional<std::string>& range, std::size_t size,
+std::optional<ByteRange> answer_range(std::optional<std::string_view> range, std::size_t size,
                                       Response& response);
 
 /// The media type of `available` with the highest quality in an Accept value; the first of equals,
 /// and the first of all where there is no Accept. Nullopt: none is acceptable.
-std::optional<std::string> negotiate(const std::optional<std::string>& accept,
-                                     std::span<const std::string> available);
+std::optional<std::string_view> negotiate(std::optional<std::string_view> accept,
+                                          std::span<const std::string_view> available);
 
 /// True where an Accept-Encoding value allows the coding by name or by `*` with a quality above 0
 /// that is not below that of identity where identity is named.
-bool accepts_coding(const std::optional<std::string>& accept_encoding, std::string_view coding);
+bool accepts_coding(std::optional<std::string_view> accept_encoding, std::string_view coding);
 
 /// The media type of a Content-Type value, lower case, without parameters.
 std::string media_type(std::string_view content_type);

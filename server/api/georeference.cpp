@@ -55,7 +55,7 @@ Response remove_georeference(Services& services, const Call& call) {
 }  // namespace
 
 void add_georeference_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string path = "/v1/maps/{map}/georeference";
   router.add({"GET", path, {}, 0, json, [&](const Call& call) {
                 return get_georeference(services, call);

@@ -138,7 +138,7 @@ Response job_events(Services& services, const Call& call) {
 }  // namespace
 
 void add_job_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string of_map = "/v1/maps/{map}/jobs", one = "/v1/jobs/{job}";
   router.add(
       {"GET", of_map, {}, 0, json, [&](const Call& call) { return list_jobs(services, call); }});

@@ -236,7 +236,7 @@ Response remove_loop(Services& services, ConstraintId id,
 }  // namespace
 
 void add_loop_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string all = "/v1/maps/{map}/loops", one = "/v1/maps/{map}/loops/{loop}";
   router.add(
       {"GET", all, {}, 0, json, [&](const Call& call) { return list_loops(services, call); }});

@@ -52,7 +52,7 @@ Response remove_map(Services& services, const Call& call) {
 }  // namespace
 
 void add_map_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   router.add({"GET", "/v1/maps", {}, 0, json, [&](const Call& call) {
                 return list_maps(services, call);
               }});

@@ -17,17 +17,38 @@
 
 namespace cellmap::server {
 
-/// Header fields in order; names compare without regard to case.
+/// Header fields in order, kept as one text as it is sent; names compare without regard to case.
+/// What is returned is valid until the next change.
 class Headers {
  public:
-  void set(std::string_view name, std::string value);  ///< replaces
-  void add(std::string_view name, std::string value);
-  /// The value, or all values of the name joined by ", " (RFC 9110, 5.3); nullopt where absent.
-  std::optional<std::string> get(std::string_view name) const;
-  const std::vector<std::pair<std::string, std::string>>& fields() const { return fields_; }
+  struct Field {
+    std::string_view name, value;
+  };
+
+  /// Replaces. `value` must not be of these headers.
+  void set(std::string_view name, std::string_view value);
+  /// Where there is a value already, both joined by ", " (RFC 9110, 5.3).
+  void add(std::string_view name, std::string_view value);
+  std::optional<std::string_view> get(std::string_view name) const&;
+  /// Of headers that are gone after this.
+  std::optional<std::string> get(std::string_view name) && {
+    const auto value = std::as_const(*this).get(name);
+    return value ? std::optional<std::string>(*value) : std::nullopt;
+  }
+  std::vector<Field> fields() const;
+  /// "Name: value\r\n" for each.
+  std::string_view text() const { return text_; }
 
  private:
-  std::vector<std::pair<std::string, std::string>> fields_;
+  struct Place {
+    std::size_t begin = 0, name_size = 0, value_size = 0;
+  };
+  std::size_t find(std::string_view name) const;
+  Field at(const Place& place) const;
+  void append(std::string_view name, std::string_view value);
+
+  std::string text_;
+  std::vector<Place> places_;  ///< of the fields in the text
 };
 
 /// An HTTP request with its whole body, as the front read it, in memory or in a file. `target` is

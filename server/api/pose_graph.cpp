@@ -16,9 +16,9 @@ namespace {
 constexpr const char* kGraphType = "application/vnd.cellmap.pose-graph";
 
 Response pose_graph(Services& services, const Call& call) {
-  const std::vector<std::string> types{kGraphType, "application/json"};
+  constexpr std::array<std::string_view, 2> types{kGraphType, "application/json"};
   const auto type = negotiate(call.header("Accept"), types);
-  if (!type) return not_acceptable(types[0] + " or " + types[1]);
+  if (!type) return not_acceptable(types);
   const auto state = services.maps.open(call.path("map"));
   const auto asked = call.query_integer("revision", 0, INT64_MAX);
   auto graph = state->graph();

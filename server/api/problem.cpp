@@ -73,9 +73,13 @@ Response method_not_allowed(const std::string& allow) {
   return response;
 }
 
-Response not_acceptable(const std::string& available) {
+Response not_acceptable(std::span<const std::string_view> available) {
+  std::string types(available.front());
+  for (std::size_t i = 1; i < available.size(); ++i) {
+    types.append(i + 1 < available.size() ? ", " : " or ").append(available[i]);
+  }
   return document(406, "not-acceptable", "Not acceptable",
-                  "This resource comes as " + available + "; the Accept header allows none of it.");
+                  "This resource comes as " + types + "; the Accept header allows none of it.");
 }
 
 Response range_not_satisfiable(std::size_t size) {

@@ -2,7 +2,9 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 
 #include "cellmap/core/error.hpp"
 #include "server/api/message.hpp"
@@ -19,7 +21,7 @@ inline Response problem(const Error& error) { return problem(error.code(), error
 
 /// The three that only HTTP knows.
 Response method_not_allowed(const std::string& allow);
-Response not_acceptable(const std::string& available);
+Response not_acceptable(std::span<const std::string_view> available);
 Response range_not_satisfiable(std::size_t size);
 
 /// For the front, which refuses some requests before they reach the API: any status with a code.

@@ -125,7 +125,8 @@ PlaceIndex index_of(Services& services, const Call& call, const MapState& state,
     searcher = std::make_shared<const SharedSearcher>(
         services.place_servers, services.metrics, state.name(), places.graph->revision,
         places.searcher,
-        OnBehalfOf{call.request_id(), call.header("Authorization"), call.address()});
+        OnBehalfOf{call.request_id(), std::optional<std::string>(call.header("Authorization")),
+                   call.address()});
   }
   return {places.regions, std::move(searcher)};
 }

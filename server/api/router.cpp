@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <span>
+#include <stdexcept>
 
 #include "cellmap/codec/zstd.hpp"
 #include "cellmap/core/error.hpp"
@@ -22,47 +23,66 @@ std::string decoded_or_throw(std::string_view text) {
   return *std::move(decoded);
 }
 
-std::vector<std::string_view> segments_of(std::string_view path) {
+/// Up to `segments.size()`; how many there are.
+std::size_t read_segments(std::string_view path, std::span<std::string_view> segments) {
   if (path.starts_with('/')) path.remove_prefix(1);
-  std::vector<std::string_view> segments;
-  segments.reserve(8);
-  for (;;) {
+  for (std::size_t count = 0;; ++count) {
     const auto slash = path.find('/');
-    segments.push_back(path.substr(0, slash));
-    if (slash == std::string_view::npos) return segments;
+    if (count < segments.size()) segments[count] = path.substr(0, slash);
+    if (slash == std::string_view::npos) return count + 1;
     path.remove_prefix(slash + 1);
   }
 }
 
 bool is_parameter(std::string_view segment) { return segment.starts_with('{'); }
 
-/// Whatever the parameters are.
+/// Whatever the parameters are. From the end, since most paths begin alike.
 bool has_segments(std::span<const std::string> pattern, std::span<const std::string_view> path) {
-  return std::ranges::equal(pattern, path, [](std::string_view expected, std::string_view found) {
-    return is_parameter(expected) || expected == found;
-  });
+  for (std::size_t i = pattern.size(); i-- > 0;) {
+    if (!is_parameter(pattern[i]) && pattern[i] != path[i]) return false;
+  }
+  return true;
 }
 
-std::optional<std::map<std::string, std::string>> match(std::span<const std::string> pattern,
-                                                        std::span<const std::string_view> path) {
+/// HEAD takes GET's.
+bool takes(const Route& route, std::string_view method) {
+  return route.method == method || (route.method == "GET" && method == "HEAD");
+}
+
+std::optional<PathParameters> match(std::span<const std::string> pattern,
+                                    std::span<const std::string_view> path) {
   if (!has_segments(pattern, path)) return std::nullopt;
-  std::map<std::string, std::string> parameters;
+  PathParameters parameters;
   for (std::size_t i = 0; i < pattern.size(); ++i) {
     if (!is_parameter(pattern[i])) continue;
     auto value = percent_decoded(path[i]);
     if (!value || value->empty()) return std::nullopt;
-    parameters.emplace(pattern[i].substr(1, pattern[i].size() - 2), *std::move(value));
+    const std::string_view name = pattern[i];
+    parameters.add(name.substr(1, name.size() - 2), *std::move(value));
   }
   return parameters;
 }
 
 }  // namespace
 
-std::uint32_t Call::path_id(const std::string& name) const {
+const std::string* PathParameters::find(std::string_view name) const {
+  for (const auto& [known, value] : parameters_) {
+    if (known == name) return &value;
+  }
+  return nullptr;
+}
+
+const std::string& PathParameters::at(std::string_view name) const {
+  if (const std::string* value = find(name)) return *value;
+  throw std::out_of_range("no path parameter " + std::string(name));
+}
+
+std::uint32_t Call::path_id(std::string_view name) const {
   const auto value = parse_unsigned(path(name));
   if (!value || *value > UINT32_MAX) {
-    refuse_target("A " + name + " is named by an integer from 0 to 4294967295, found " +
-                  in_quotes(path(name)) + ".");
+    refuse_target("A " + std::string(name) +
+                  " is named by an integer from 0 to 4294967295, found " + in_quotes(path(name)) +
+                  ".");
   }
   return static_cast<std::uint32_t>(*value);
 }
@@ -144,24 +164,37 @@ std::shared_ptr<ByteFile> Call::file() const {
 
 void Router::add(Route route) {
   route.scope = scope_of(route.method, route.pattern);
-  const auto segments = segments_of(route.pattern);
-  segments_.emplace_back(segments.begin(), segments.end());
+  std::array<std::string_view, kMaxSegments> segments;
+  const std::size_t count = read_segments(route.pattern, segments);
+  patterns_.at(count).push_back({{segments.begin(), segments.begin() + count}, routes_.size()});
   routes_.push_back(std::move(route));
 }
 
 Router::Match Router::find(std::string_view method, std::string_view path) const {
+  std::array<std::string_view, kMaxSegments> segments;
+  const std::size_t count = read_segments(path, segments);
   Match result;
-  const auto segments = segments_of(path);
-  for (std::size_t i = 0; i < routes_.size(); ++i) {
-    auto parameters = match(segments_[i], segments);
+  if (count > kMaxSegments) return result;
+  for (const Pattern& pattern : patterns_[count]) {
+    auto parameters = match(pattern.segments, std::span(segments).first(count));
     if (!parameters) continue;
-    const Route& route = routes_[i];
-    const bool fits = route.method == method || (route.method == "GET" && method == "HEAD");
-    if (fits) return {&route, *std::move(parameters), {}};
+    const Route& route = routes_[pattern.route];
+    if (takes(route, method)) return {&route, *std::move(parameters), {}};
     const std::string name = route.method == "GET" ? "GET, HEAD" : route.method;
     result.allow += (result.allow.empty() ? "" : ", ") + name;
   }
   return result;
+}
+
+bool Router::may_wait(std::string_view method, std::string_view path) const {
+  std::array<std::string_view, kMaxSegments> segments;
+  const std::size_t count = read_segments(path, segments);
+  if (count > kMaxSegments) return false;
+  return std::ranges::any_of(patterns_[count], [&](const Pattern& pattern) {
+    const Route& route = routes_[pattern.route];
+    return route.waits && takes(route, method) &&
+           has_segments(pattern.segments, std::span(segments).first(count));
+  });
 }
 
 Target parse_target(std::string_view target) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -14,28 +15,44 @@
 
 namespace cellmap::server {
 
+/// The decoded parameters of a path, which are few.
+class PathParameters {
+ public:
+  /// `name` outlives this: it is of a route's pattern.
+  void add(std::string_view name, std::string value) {
+    parameters_.emplace_back(name, std::move(value));
+  }
+  /// Null where the path has none of this name.
+  const std::string* find(std::string_view name) const;
+  /// Throws std::out_of_range where the path has none, which is a fault of the route.
+  const std::string& at(std::string_view name) const;
+
+ private:
+  std::vector<std::pair<std::string_view, std::string>> parameters_;
+};
+
 /// A request on its way to a handler: path parameters and query are decoded, the body is as it
 /// came. The readers throw Error{kInvalidArgument}, {kUnsupported} or {kTooLarge} with what was
 /// expected.
 class Call {
  public:
-  /// `caller` outlives the call.
-  Call(const Request& request, const auth::Caller& caller, std::map<std::string, std::string> path,
-       std::map<std::string, std::string> query)
-      : request_(request), caller_(caller), path_(std::move(path)), query_(std::move(query)) {}
+  /// All of them outlive the call.
+  Call(const Request& request, const auth::Caller& caller, const PathParameters& path,
+       const std::map<std::string, std::string>& query)
+      : request_(request), caller_(caller), path_(path), query_(query) {}
 
   const std::string& method() const { return request_.method; }
   const std::string& request_id() const { return request_.id; }
   const std::string& address() const { return request_.address; }  ///< where it comes from
-  std::optional<std::string> header(std::string_view name) const {
+  std::optional<std::string_view> header(std::string_view name) const {
     return request_.headers.get(name);
   }
 
   /// Whether the caller's token is good for a map. The one in the path was checked already.
   bool may_use(const std::string& map) const { return caller_.may_use(map); }
 
-  const std::string& path(const std::string& name) const { return path_.at(name); }
-  std::uint32_t path_id(const std::string& name) const;
+  const std::string& path(std::string_view name) const { return path_.at(name); }
+  std::uint32_t path_id(std::string_view name) const;
 
   std::optional<std::string> query(const std::string& name) const;
   std::optional<std::uint64_t> query_integer(const std::string& name, std::uint64_t min,
@@ -56,7 +73,8 @@ class Call {
  private:
   const Request& request_;
   const auth::Caller& caller_;
-  std::map<std::string, std::string> path_, query_;
+  const PathParameters& path_;
+  const std::map<std::string, std::string>& query_;
 };
 
 using Handler = std::function<Response(const Call&)>;
@@ -67,7 +85,7 @@ struct Route {
   std::string pattern;             ///< "/v1/maps/{map}/cells": a segment in braces is a parameter
   std::vector<std::string> query;  ///< names it knows; where it knows some, others are refused
   std::size_t max_body = 0;        ///< bytes, as sent
-  std::vector<std::string>
+  std::vector<std::string_view>
       types;  ///< media types of its answer; empty: no negotiation (or its own)
   Handler handler;
   bool waits = false;         ///< a GET that takes long or waits for something to happen
@@ -84,17 +102,25 @@ class Router {
 
   struct Match {
     const Route* route = nullptr;  ///< null: no route
-    std::map<std::string, std::string> path;
+    PathParameters path;
     std::string allow;  ///< the methods that the path has; empty: no such path
   };
-  /// HEAD finds GET.
+  /// HEAD finds GET. The match is valid as long as the router.
   Match find(std::string_view method, std::string_view path) const;
+  /// Whether a route `waits` that the path could be of; without looking at its parameters.
+  bool may_wait(std::string_view method, std::string_view path) const;
 
   const std::vector<Route>& routes() const { return routes_; }
 
  private:
+  struct Pattern {
+    std::vector<std::string> segments;
+    std::size_t route = 0;  ///< whose it is
+  };
+  static constexpr std::size_t kMaxSegments = 12;
+
   std::vector<Route> routes_;
-  std::vector<std::vector<std::string>> segments_;  ///< of the routes' patterns
+  std::array<std::vector<Pattern>, kMaxSegments + 1> patterns_;  ///< by the number of segments
 };
 
 /// The path (still percent-encoded) and the decoded query of a request target. Throws

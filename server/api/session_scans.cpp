@@ -266,7 +266,7 @@ Response complete_scans(Services& services, const Call& call) {
 }  // namespace
 
 void add_session_scan_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string scans = "/v1/maps/{map}/sessions/{session}/scans";
   router.add(
       {"GET", scans, {}, 0, json, [&](const Call& call) { return get_scans(services, call); }});

@@ -201,7 +201,7 @@ Response put_session_cell(Services& services, const Call& call) {
 }  // namespace
 
 void add_session_routes(Router& router, Services& services) {
-  const std::vector<std::string> json{"application/json"};
+  const std::vector<std::string_view> json{"application/json"};
   const std::string all = "/v1/maps/{map}/sessions", one = all + "/{session}";
   router.add(
       {"GET", all, {}, 0, json, [&](const Call& call) { return list_sessions(services, call); }});

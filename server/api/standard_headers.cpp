@@ -9,12 +9,12 @@
 namespace cellmap::server {
 namespace {
 
-void set_default(Headers& headers, std::string_view name, const char* value) {
+void set_default(Headers& headers, std::string_view name, std::string_view value) {
   if (!headers.get(name)) headers.set(name, value);
 }
 
 void keep_private(Headers& headers) {
-  std::string value = headers.get("Cache-Control").value_or("private");
+  std::string value(headers.get("Cache-Control").value_or("private"));
   constexpr std::string_view kPublic = "public";
   if (const auto at = value.find(kPublic); at != value.npos) {
     value.replace(at, kPublic.size(), "private");
@@ -28,11 +28,6 @@ bool is_origin(const std::string& text) {
   return std::ranges::all_of(text.substr(scheme + 3), [](unsigned char c) {
     return std::isalnum(c) || c == '.' || c == '-' || c == ':' || c == '[' || c == ']';
   });
-}
-
-void add_vary(Headers& headers, const std::string& name) {
-  const auto vary = headers.get("Vary");
-  headers.set("Vary", vary ? *vary + ", " + name : name);
 }
 
 }  // namespace
@@ -82,7 +77,7 @@ std::optional<Response> CrossOrigin::preflight(const Request& request,
 
 void CrossOrigin::allow(const Request& request, Response& response) const {
   if (!is_on()) return;
-  add_vary(response.headers, "Origin");
+  response.headers.add("Vary", "Origin");
   const auto origin = allowed(request);
   if (!origin) return;
   response.headers.set("Access-Control-Allow-Origin", *origin);
@@ -93,12 +88,12 @@ void CrossOrigin::allow(const Request& request, Response& response) const {
 }
 
 std::optional<std::string> given_request_id(const Headers& headers) {
-  auto id = headers.get("X-Request-Id");
+  const auto id = headers.get("X-Request-Id");
   const bool good =
       id && !id->empty() && id->size() <= 64 && std::ranges::all_of(*id, [](unsigned char c) {
         return std::isalnum(c) || c == '.' || c == '_' || c == '-';
       });
-  return good ? id : std::nullopt;
+  return good ? std::optional<std::string>(*id) : std::nullopt;
 }
 
 }  // namespace cellmap::server

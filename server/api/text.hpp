@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -8,12 +9,28 @@
 
 namespace cellmap::server {
 
-/// ASCII without regard to case, as header names and media types compare.
-bool equal_no_case(std::string_view a, std::string_view b);
+/// ASCII, as of header names and media types.
+constexpr char lower(char c) { return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c; }
+
+/// Without regard to case.
+inline bool equal_no_case(std::string_view a, std::string_view b) {
+  return std::ranges::equal(a, b, [](char x, char y) { return lower(x) == lower(y); });
+}
 
 std::string_view trimmed(std::string_view text);
 
-/// Parts between separators, trimmed; an empty text has none.
+/// Calls `use` for each part between separators, trimmed; an empty text has none.
+template <typename Use>
+void for_each_part(std::string_view text, char separator, const Use& use) {
+  for (bool more = !text.empty(); more;) {
+    const auto end = text.find(separator);
+    use(trimmed(text.substr(0, end)));
+    more = end != std::string_view::npos;
+    if (more) text.remove_prefix(end + 1);
+  }
+}
+
+/// All of them.
 std::vector<std::string_view> split(std::string_view text, char separator);
 
 /// The whole text as an unsigned decimal number without sign or space; nullopt for anything else.

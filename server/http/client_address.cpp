@@ -22,13 +22,13 @@ std::optional<std::string> address_name(std::string_view text) {
   return std::string(::inet_ntop(AF_INET6, &network, name, sizeof(name))) + "/64";
 }
 
-std::string client_address(const std::string& peer, const std::optional<std::string>& forwarded_for,
+std::string client_address(const std::string& peer, std::optional<std::string_view> forwarded_for,
                            std::span<const std::string> trusted) {
   const auto is_trusted = [&](const std::string& address) {
     return std::ranges::find(trusted, address) != trusted.end();
   };
   std::string nearest = peer;
-  const auto hops = split(forwarded_for ? std::string_view(*forwarded_for) : "", ',');
+  const auto hops = split(forwarded_for.value_or(""), ',');
   // Not std::views::reverse, which clang 14 cannot compile.
   for (auto hop = hops.rbegin(); hop != hops.rend(); ++hop) {
     if (!is_trusted(nearest)) break;

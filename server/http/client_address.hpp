@@ -16,7 +16,7 @@ std::optional<std::string> address_name(std::string_view text);
 /// address of X-Forwarded-For that is none of them, because each proxy adds whom it was asked by
 /// and what stands before the first trusted one's word may be invented. Where that is no address,
 /// the nearest proxy. `peer` and `trusted` as `address_name` has them, or "unix".
-std::string client_address(const std::string& peer, const std::optional<std::string>& forwarded_for,
+std::string client_address(const std::string& peer, std::optional<std::string_view> forwarded_for,
                            std::span<const std::string> trusted);
 
 }  // namespace cellmap::server

@@ -47,10 +47,6 @@ std::string_view reason_of(int status) {
   return row == kTable.end() ? std::string_view() : row->reason;
 }
 
-void add_field(std::string& text, std::string_view name, std::string_view value) {
-  text.append(name).append(": ").append(value).append("\r\n");
-}
-
 bool send_file(Connection& connection, const FileBody& part) {
   for (std::uint64_t sent = 0; sent < part.length;) {
     const Bytes piece =
@@ -86,20 +82,20 @@ bool send_stream(Connection& connection, const BodyStream& next, bool in_chunks)
 std::string answer_head(const Response& response, const AnswerForm& form,
                         const std::optional<std::uint64_t>& length) {
   std::string text;
-  text.reserve(1024);
+  text.reserve(response.headers.text().size() + 256);
   text.append("HTTP/1.1 ").append(std::to_string(response.status)).append(" ");
   text.append(reason_of(response.status)).append("\r\n");
   const bool can_have_body = response.status != 204 && response.status != 304;
-  bool has_type = false;
-  for (const auto& [name, value] : response.headers.fields()) {
-    has_type = has_type || name == "Content-Type";
-    add_field(text, name, value);
+  text.append(response.headers.text());
+  if (can_have_body && !response.headers.get("Content-Type")) {
+    text.append("Content-Type: application/octet-stream\r\n");
   }
-  if (can_have_body && !has_type) add_field(text, "Content-Type", "application/octet-stream");
-  if (can_have_body && length) add_field(text, "Content-Length", std::to_string(*length));
-  if (!length && !form.is_http_1_0) add_field(text, "Transfer-Encoding", "chunked");
-  if (!form.keep) add_field(text, "Connection", "close");
-  if (form.keep && form.is_http_1_0) add_field(text, "Connection", "keep-alive");
+  if (can_have_body && length) {
+    text.append("Content-Length: ").append(std::to_string(*length)).append("\r\n");
+  }
+  if (!length && !form.is_http_1_0) text.append("Transfer-Encoding: chunked\r\n");
+  if (!form.keep) text.append("Connection: close\r\n");
+  if (form.keep && form.is_http_1_0) text.append("Connection: keep-alive\r\n");
   return text.append("\r\n");
 }
 

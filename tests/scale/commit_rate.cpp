@@ -10,7 +10,6 @@
 #include <string_view>
 
 #include "cellmap/core/error.hpp"
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/postgres_store.hpp"
 
 namespace {
@@ -74,7 +73,7 @@ void measure(Store& store, const std::string& map, std::uint32_t count) {
   std::cout << ", \"all_in_one\": " << per_second(count, [&] { store.commit(map, many); });
   std::cout << ", \"moved\": " << per_second(count, [&] { store.commit(map, moves); });
   std::cout << ", \"read\": " << per_second(count, [&] {
-    for (std::uint32_t i = 1; i <= count; ++i) (void)current_cell(store, map, {i});
+    for (std::uint32_t i = 1; i <= count; ++i) (void)store.current_cell(map, {i});
   });
   std::cout << "}\n";
   store.delete_map(map);

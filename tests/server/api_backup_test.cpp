@@ -35,7 +35,7 @@ TEST_F(ApiBackup, IsAStoreOfAllMapsAndLeavesNoFileBehind) {
 TEST_F(ApiBackup, IsReadInPartsUntilItsLastByte) {
   const auto begin = get(kBackup, {{"Range", "bytes=0-99"}});
   ASSERT_EQ(begin.status, 206);
-  const std::string etag = begin.headers.get("ETag").value();
+  const std::string etag(begin.headers.get("ETag").value());
   put_cell(4, street_cell(3, 18));  // which it does not have
   const auto rest = get(kBackup, {{"Range", "bytes=100-"}, {"If-Match", etag}});
   ASSERT_EQ(rest.status, 206);

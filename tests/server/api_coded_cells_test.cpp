@@ -20,7 +20,7 @@ class ApiCodedCells : public ApiTest {
     return get(kCell1, headers);
   }
   static std::string header(const Response& response, const char* name) {
-    return response.headers.get(name).value_or("");
+    return std::string(response.headers.get(name).value_or(""));
   }
   const Cell source_ = decode_cell(street_cell(0, 0).bytes);
 };

@@ -111,7 +111,7 @@ TEST_F(ApiGraph, LoopsAreListedAndShownAsPosted) {
   EXPECT_EQ(loop["kind"], "loop");
   EXPECT_EQ(loop["pose"][0], 12.5);
   EXPECT_EQ(json_of(get(kLoops))["loops"][0], loop);
-  const Json shown = json_of(get(*made.headers.get("Location")));
+  const Json shown = json_of(get(std::string(*made.headers.get("Location"))));
   for (const auto& [key, value] : loop.items()) EXPECT_EQ(shown[key], value) << key;
   EXPECT_NEAR(shown["gap_m"], 0, 1e-6) << "nothing contradicts it";
   EXPECT_NEAR(shown["chi2"], 0, 1e-6);
@@ -124,7 +124,7 @@ TEST_F(ApiGraph, ALoopThatTheOthersContradictIsRejectedExplainedAndMayBePinned) 
     ASSERT_EQ(add_loop(2, 3, 6 + 0.001 * i).status, 201);
   }
   const auto made = add_loop(1, 3, 40);  // the others say 12 m
-  const std::string path = *made.headers.get("Location");
+  const std::string path(*made.headers.get("Location"));
   EXPECT_EQ(json_of(made)["loops"][0]["verdict"], "rejected");
   const Json before = json_of(get(path));
   EXPECT_EQ(before["weight"], 0.0);

@@ -27,7 +27,7 @@ class ApiKeptCells : public ApiTest {
   }
   Response convert(const std::string& json) { return post("/v1/maps/town/convert", json); }
   static std::string header(const Response& response, const char* name) {
-    return response.headers.get(name).value_or("");
+    return std::string(response.headers.get(name).value_or(""));
   }
   /// What becomes of a CELL of the street.
   static KeptCell kept(std::uint32_t sequence, const CellForm& form = kCompact) {

@@ -47,7 +47,8 @@ TEST(Conditions, SeveralRangesAndMalformedOnesMeanTheWhole) {
 }
 
 TEST(Conditions, TheAcceptedTypeOfTheHighestQualityIsServed) {
-  const std::array<std::string, 2> types{"application/vnd.cellmap.cell", "application/json"};
+  constexpr std::array<std::string_view, 2> types{"application/vnd.cellmap.cell",
+                                                  "application/json"};
   EXPECT_EQ(negotiate(std::nullopt, types), types[0]);
   EXPECT_EQ(negotiate("*/*", types), types[0]);
   EXPECT_EQ(negotiate("application/*", types), types[0]);

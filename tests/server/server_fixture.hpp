@@ -86,6 +86,7 @@ inline EncodedCell street_cell(std::uint32_t sequence, std::size_t scan_index,
 }
 
 struct Headed {
+  Headed(std::string_view name_in, std::string_view value_in) : name(name_in), value(value_in) {}
   std::string name, value;
 };
 
@@ -188,7 +189,9 @@ class ApiTest : public ::testing::Test {
     if (!file) return;
     Json json{{"method", request.method}, {"target", request.target}, {"status", response.status}};
     json["headers"] = Json::object();
-    for (const auto& [name, value] : response.headers.fields()) json["headers"][name] = value;
+    for (const auto& [name, value] : response.headers.fields()) {
+      json["headers"][std::string(name)] = value;
+    }
     json["request_type"] = request.headers.get("Content-Type").value_or("");
     const auto type = response.headers.get("Content-Type").value_or("");
     const bool readable = !response.headers.get("Content-Encoding");

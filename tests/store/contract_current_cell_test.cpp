@@ -2,7 +2,6 @@
 #include <thread>
 #include <vector>
 
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/known_cells.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
@@ -13,7 +12,7 @@ namespace {
 /// Asked for twice, since the second answer may be one that was kept.
 void expect_current(const Store& store, const std::string& map, CellId id) {
   for (int i = 0; i < 2; ++i) {
-    const CurrentCell current = current_cell(store, map, id);
+    const CurrentCell current = store.current_cell(map, id);
     EXPECT_EQ(current.revision, store.version(map).revision);
     EXPECT_EQ(current.record.hash, store.cell(map, id).hash);
     EXPECT_EQ(current.record.moved, store.cell(map, id).moved);
@@ -29,12 +28,12 @@ TEST_P(StoreContract, WhatWasAskedForIsNeverOlderThanTheLastChange) {
   expect_current(*store_, "town", {1});
   store_->commit("town", moving({{CellId{1}, pose_at(7, 0)}}));
   expect_current(*store_, "town", {1});
-  EXPECT_DOUBLE_EQ(current_cell(*store_, "town", {1}).record.T_map_cell.translation().x(), 7);
+  EXPECT_DOUBLE_EQ(store_->current_cell("town", {1}).record.T_map_cell.translation().x(), 7);
   MapUpdate other_bytes;
   other_bytes.recoded[CellId{1}] = {make_cell(1).encoded.hash, make_cell(9).encoded};
   store_->commit("town", other_bytes);
   expect_current(*store_, "town", {1});
-  EXPECT_EQ(current_cell(*store_, "town", {1}).record.hash, make_cell(9).encoded.hash);
+  EXPECT_EQ(store_->current_cell("town", {1}).record.hash, make_cell(9).encoded.hash);
 }
 
 TEST_P(StoreContract, WhatWasRemovedIsNotFoundHoweverOftenItWasAskedFor) {
@@ -44,14 +43,14 @@ TEST_P(StoreContract, WhatWasRemovedIsNotFoundHoweverOftenItWasAskedFor) {
   MapUpdate without;
   without.remove_sessions = {"drive"};
   store_->commit("town", without);
-  expect_error(ErrorCode::kNotFound, [&] { current_cell(*store_, "town", {1}); });
+  expect_error(ErrorCode::kNotFound, [&] { store_->current_cell("town", {1}); });
   expect_error(ErrorCode::kNotFound, [&] { store_->stored_cell("town", {1}); });
   store_->commit("town", adding({make_cell(2)}));
   expect_current(*store_, "town", {2});
   store_->delete_map("town");
-  expect_error(ErrorCode::kNotFound, [&] { current_cell(*store_, "town", {2}); });
+  expect_error(ErrorCode::kNotFound, [&] { store_->current_cell("town", {2}); });
   store_->create_map("town", {});
-  expect_error(ErrorCode::kNotFound, [&] { current_cell(*store_, "town", {2}); });
+  expect_error(ErrorCode::kNotFound, [&] { store_->current_cell("town", {2}); });
 }
 
 TEST_P(StoreContract, WhoReadsBesideAWriterSeesEveryChangeThatWasMadeBeforeItAsked) {
@@ -65,7 +64,7 @@ TEST_P(StoreContract, WhoReadsBesideAWriterSeesEveryChangeThatWasMadeBeforeItAsk
     readers.emplace_back([&] {
       while (!done) {
         const Revision before = committed;
-        const CurrentCell cell = current_cell(*store_, "town", {1});
+        const CurrentCell cell = store_->current_cell("town", {1});
         // Every revision moves the CELL, so that both are of one state.
         if (cell.revision < before || cell.record.moved != cell.revision) ++old;
       }

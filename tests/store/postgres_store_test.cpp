@@ -7,7 +7,6 @@
 #include <thread>
 #include <vector>
 
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/open_store.hpp"
 #include "cellmap/store/postgres_schema.hpp"
 #include "cellmap/store/sql_claims.hpp"
@@ -70,18 +69,18 @@ TEST_F(PostgresStoreTest, WhatAHashNamesIsRememberedAndWhatItDoesNotNameIsRead) 
   const NewCell made = make_cell(1);
   const std::string hash = to_hex(made.encoded.hash);
   store->commit("town", adding({made}));
-  EXPECT_FALSE(remembered_cell(*store, "town", {1}, hash));
+  EXPECT_FALSE(store->remembered_cell("town", {1}, hash));
   const StoredCell read = store->stored_cell("town", {1});
-  const CurrentCell current = current_cell(*store, "town", {1});
+  const CurrentCell current = store->current_cell("town", {1});
   open()->commit("town", moving({{CellId{1}, pose_at(3, 0)}}));
-  const auto remembered = remembered_cell(*store, "town", {1}, hash);
+  const auto remembered = store->remembered_cell("town", {1}, hash);
   if (!remembered) GTEST_SKIP() << "a minute ended between two lines of this test";
   EXPECT_EQ(*remembered->stored.frame, *read.frame);
   EXPECT_EQ(remembered->cell.revision, current.revision);
-  EXPECT_FALSE(remembered_cell(*store, "town", {1}, to_hex(make_cell(2).encoded.hash)));
-  EXPECT_FALSE(remembered_cell(*store, "town", {2}, hash));
-  EXPECT_FALSE(remembered_cell(*store, "other", {1}, hash));
-  EXPECT_EQ(current_cell(*store, "town", {1}).record.T_map_cell.translation().x(), 3);
+  EXPECT_FALSE(store->remembered_cell("town", {1}, to_hex(make_cell(2).encoded.hash)));
+  EXPECT_FALSE(store->remembered_cell("town", {2}, hash));
+  EXPECT_FALSE(store->remembered_cell("other", {1}, hash));
+  EXPECT_EQ(store->current_cell("town", {1}).record.T_map_cell.translation().x(), 3);
 }
 
 TEST_F(PostgresStoreTest, ServersThatWriteAtTheSameTimeLoseNothingAndLeaveNoGap) {

@@ -30,9 +30,10 @@ ContentHash sha256_of_pieces(std::initializer_list<std::span<const std::byte>> p
 std::string to_hex(const ContentHash& hash) {
   constexpr char kDigits[] = "0123456789abcdef";
   std::string hex(2 * hash.bytes.size(), '0');
-  for (std::size_t i = 0; i < hash.bytes.size(); ++i) {
-    hex[2 * i] = kDigits[hash.bytes[i] >> 4];
-    hex[2 * i + 1] = kDigits[hash.bytes[i] & 15];
+  char* digit = hex.data();
+  for (const auto byte : hash.bytes) {
+    *digit++ = kDigits[byte >> 4];
+    *digit++ = kDigits[byte & 15];
   }
   return hex;
 }

@@ -95,8 +95,8 @@ std::string without_slash(const std::string& frame) {
 template <typename Stamped>
 void sort_by_time(std::vector<Stamped>& entries) {
   std::ranges::stable_sort(entries, {}, &Stamped::stamp);
-  const auto rest = std::ranges::unique(entries, {}, &Stamped::stamp);
-  entries.erase(rest.begin(), rest.end());
+  const auto is_same = [](const Stamped& a, const Stamped& b) { return a.stamp == b.stamp; };
+  entries.erase(std::unique(entries.begin(), entries.end(), is_same), entries.end());
 }
 
 Trajectory odometry_of(const Topics& topics, const fs::path& file, const BagOptions& options,

@@ -180,7 +180,8 @@ void add_hedge(const TownObject& hedge, MeshBuilder builder) {
       }
     }
     const auto at = [&](int row, int column) {
-      return grid[static_cast<std::size_t>(row * (columns + 1) + column)];
+      const int index = row * (columns + 1) + column;
+      return grid[static_cast<std::size_t>(index)];
     };
     for (int row = 0; row < rows; ++row) {
       for (int column = 0; column < columns; ++column) {

@@ -34,7 +34,8 @@ void add_ground(const Ground& ground, double x0, double y0, TriangleMesh& mesh) 
   for (int row = 0; row < steps; ++row) {
     for (int column = 0; column < steps; ++column) {
       const auto at = [&](int r, int c) {
-        return vertex[static_cast<std::size_t>(r * (steps + 1) + c)];
+        const int index = r * (steps + 1) + c;
+        return vertex[static_cast<std::size_t>(index)];
       };
       const auto a = at(row, column), b = at(row, column + 1);
       const auto c = at(row + 1, column + 1), d = at(row + 1, column);

@@ -36,7 +36,7 @@ bool is_success(const pg_result* result) {
 
 }  // namespace
 
-PostgresLink::PostgresLink(std::string address, std::shared_ptr<DatabaseOutage> outage)
+PostgresLink::PostgresLink(const std::string& address, std::shared_ptr<DatabaseOutage> outage)
     : outage_(std::move(outage)),
       connection_(nullptr, PQfinish),
       outages_before_(outage_->count()) {

@@ -40,7 +40,7 @@ class PostgresLink {
   };
 
   /// Connects; errors as `PostgresConnection`.
-  PostgresLink(std::string address, std::shared_ptr<DatabaseOutage> outage);
+  PostgresLink(const std::string& address, std::shared_ptr<DatabaseOutage> outage);
 
   /// Whether it is of no use any more, as far as is known without asking.
   bool is_lost() const;

@@ -11,7 +11,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "rows are little-endian");
 
-constexpr std::size_t kScanBytes = 8 + 12 * 8;
+constexpr std::size_t kScanBytes = 8 + 12 * sizeof(double);
 
 [[noreturn]] void corrupt(const char* what) {
   throw Error(ErrorCode::kCorruptData,
@@ -86,36 +86,37 @@ Pose pose_from_matrix(const Matrix34d& matrix) {
 }  // namespace
 
 Bytes pose_to_bytes(const Pose& pose) {
-  Writer writer(12 * 8);
+  Writer writer(12 * sizeof(double));
   writer.put_matrix(Matrix34d(pose.matrix().topRows<3>()));
   return writer.take();
 }
 
 Pose pose_from_bytes(std::span<const std::byte> bytes) {
-  return pose_from_matrix(Reader(bytes, 12 * 8, "pose").get_matrix<Matrix34d>());
+  return pose_from_matrix(Reader(bytes, 12 * sizeof(double), "pose").get_matrix<Matrix34d>());
 }
 
 Bytes rotation_to_bytes(const Pose& pose) {
-  Writer writer(9 * 8);
+  Writer writer(9 * sizeof(double));
   writer.put_matrix(Eigen::Matrix3d(pose.linear()));
   return writer.take();
 }
 
 Pose pose_from_columns(const Eigen::Vector3d& position, std::span<const std::byte> rotation) {
   Pose pose = Pose::Identity();
-  pose.linear() = Reader(rotation, 9 * 8, "rotation").get_matrix<Eigen::Matrix3d>();
+  pose.linear() = Reader(rotation, 9 * sizeof(double), "rotation").get_matrix<Eigen::Matrix3d>();
   pose.translation() = position;
   return checked(pose);
 }
 
 Bytes information_to_bytes(const Matrix6d& information) {
-  Writer writer(36 * 8);
+  Writer writer(36 * sizeof(double));
   writer.put_matrix(information);
   return writer.take();
 }
 
 Matrix6d information_from_bytes(std::span<const std::byte> bytes) {
-  const auto information = Reader(bytes, 36 * 8, "information matrix").get_matrix<Matrix6d>();
+  const auto information =
+      Reader(bytes, 36 * sizeof(double), "information matrix").get_matrix<Matrix6d>();
   if (!information.allFinite()) corrupt("information matrix");
   return information;
 }

@@ -11,7 +11,6 @@
 #include "cellmap/store/blob_cache.hpp"
 #include "cellmap/store/blobs.hpp"
 #include "cellmap/store/claims.hpp"
-#include "cellmap/store/current_cell.hpp"
 #include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/documents.hpp"
 #include "cellmap/store/group_commit.hpp"
@@ -50,8 +49,7 @@ class SqlStore : public Store,
                  public Staging,
                  public Claims,
                  public Parts,
-                 public Descriptions,
-                 public CurrentCells {
+                 public Descriptions {
  public:
   explicit SqlStore(SqlEngine engine);
 

@@ -2,6 +2,7 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/store/store.hpp"
@@ -32,7 +33,7 @@ class Staging {
 };
 
 /// True for the name of a staged map.
-inline bool is_staged(const std::string& name) { return name.starts_with('.'); }
+inline bool is_staged(std::string_view name) { return name.starts_with('.'); }
 
 /// The staging of a store. Throws Error{kUnsupported} for an engine that has none.
 Staging& staging_of(Store& store);

@@ -167,6 +167,18 @@ std::string_view to_string(JobState state);
 JobState job_state_from_string(std::string_view name);
 constexpr bool is_final(JobState state) { return state >= JobState::kSucceeded; }
 
+/// A CELL and the revision of its map, of one state of the store.
+struct CurrentCell {
+  Revision revision = 0;
+  CellRecord record;
+};
+
+/// What an address means that names a CELL's content.
+struct RememberedCell {
+  CurrentCell cell;  ///< as it was when it was last read
+  StoredCell stored;
+};
+
 /// A long-running operation, as kept across restarts.
 struct JobRecord {
   JobId id;  ///< numbered by the store
@@ -220,6 +232,15 @@ class Store {
 
   virtual CellPage cells(const std::string& map, const CellQuery& query) const = 0;
   virtual CellRecord cell(const std::string& map, CellId id) const = 0;
+  /// With its revision. A microsecond for a CELL that was asked for since the last change of a
+  /// store that one process writes.
+  virtual CurrentCell current_cell(const std::string& map, CellId id) const = 0;
+  /// The content of this hash (hexadecimal) of a CELL, where a store that many processes write has
+  /// it in memory; nullopt is no error. The database is not asked, so that it may be slow or far:
+  /// pose and revision are up to a minute old, and so is that the CELL is there, as with any cache
+  /// along the way.
+  virtual std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
+                                                        const std::string& hash) const = 0;
   /// The `count` <= 10,000 CELLs whose current positions are nearest to `position`, nearest first,
   /// by id where equally far.
   virtual std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
