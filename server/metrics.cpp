@@ -89,10 +89,15 @@ struct Metrics::Impl {
     Counter* requests;
     prometheus::Histogram* latency;
   };
+  using SeriesKey = std::tuple<std::string_view, std::string_view, int>;
+  struct BySeriesKey {
+    using is_transparent = void;
+    bool operator()(const SeriesKey& a, const SeriesKey& b) const { return a < b; }
+  };
   /// Kept beside the families, which make labels and a series anew to find the one that is there.
   Series series_of(std::string_view route, std::string_view method, int status) {
     const std::lock_guard lock(mutex);
-    const auto found = series.find(std::tie(route, method, status));
+    const auto found = series.find(SeriesKey(route, method, status));
     if (found != series.end()) return found->second;
     const Series made{&requests.Add({{"route", std::string(route)},
                                      {"method", std::string(method)},
@@ -104,7 +109,7 @@ struct Metrics::Impl {
   }
 
   std::mutex mutex;  ///< of `series`
-  std::map<std::tuple<std::string, std::string, int>, Series, std::less<>> series;
+  std::map<std::tuple<std::string, std::string, int>, Series, BySeriesKey> series;
   prometheus::Registry registry;
   Family<Counter>& requests = counters("http_requests_total", "Requests answered");
   Family<prometheus::Histogram>& latency =

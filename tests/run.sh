@@ -5,7 +5,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 if [[ ${1:-} == all ]]; then
-  ./install-dependencies.sh --with-postgresql --with-clang-format
+  ./install-dependencies.sh --with-postgresql --with-clang-format --with-clang-tidy
   exec ./tests/stages.sh "${@:2}"
 fi
 ./install-dependencies.sh --with-postgresql --with-clang-format

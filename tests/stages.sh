@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What continuous integration runs: every stage, even after one that failed, each with a line of summary, and all of
 # these lines at the end. Exit code 1 if a stage failed.
-# Usage: ./tests/stages.sh [STAGE...]     STAGE: format includes release asan tsan, and tidy, which still has findings, where it is named
+# Usage: ./tests/stages.sh [STAGE...]     STAGE: format includes release tidy asan tsan
 set -uo pipefail
 cd "$(dirname "$0")/.."
 export CELLMAP_DATA=${CELLMAP_DATA:-$PWD/../shared/data}
@@ -40,7 +40,7 @@ failures() {
 }
 
 stages=("$@")
-[[ $# -gt 0 ]] || stages=(format includes release asan tsan)
+[[ $# -gt 0 ]] || stages=(format includes release tidy asan tsan)
 lines=()
 failed_logs=()
 failed=0
