@@ -79,6 +79,7 @@ cellmap::server::ApiOptions api_options(const Settings& settings) {
   options.viewer = viewer_folder(settings);
   options.threads = settings.threads;
   options.maps.place_bytes = settings.place_memory_mib << 20;
+  options.place_servers = cellmap::server::place_servers_of(settings);
   options.jobs.carries_out = settings.role != "api";
   options.jobs.takes_scans = settings.role != "worker";
   options.jobs.shares_drives = !cellmap::store_file(settings.store);  // a file has one process

@@ -72,6 +72,8 @@ void add_snapshot(Reading& reading, const MetricsSnapshot& snapshot) {
   reading.gauge("cellmap_store_up", "1 where the store answers, else 0", snapshot.store ? 1 : 0);
   if (snapshot.store) add_store(reading, *snapshot.store);
   reading.gauge("cellmap_store_bytes", "Bytes of the store's files", number(snapshot.store_bytes));
+  reading.gauge("cellmap_place_bytes", "Memory for what relocalisation knows of CELLs",
+                number(snapshot.place_bytes));
   reading.gauge("cellmap_tokens", "Tokens that the server knows", number(snapshot.tokens));
 }
 
@@ -119,6 +121,13 @@ struct Metrics::Impl {
       counters("http_response_bytes_total", "Bytes of response bodies, without streams").Add({});
   Family<Counter>& relocalisations =
       counters("cellmap_relocalisations_total", "Relocalisations by outcome");
+  Family<Counter>& place_servers =
+      counters("cellmap_place_searches_total",
+               "Searches of regions by other servers, by server and outcome");
+  Counter& regions_taken_over =
+      counters("cellmap_place_regions_taken_over_total",
+               "Regions that were searched here because their server did not")
+          .Add({});
   Counter& cells =
       counters("cellmap_cells_committed_total", "CELLs that jobs and clients added").Add({});
   Counter& parts =
@@ -149,6 +158,14 @@ void Metrics::request(std::string_view route, std::string_view method, int statu
 
 void Metrics::relocalisation(bool found) {
   impl_->relocalisations.Add({{"outcome", found ? "found" : "not_found"}}).Increment();
+}
+
+void Metrics::place_server_asked(const std::string& server, const std::string& outcome) {
+  impl_->place_servers.Add({{"server", server}, {"outcome", outcome}}).Increment();
+}
+
+void Metrics::place_regions_taken_over(std::size_t count) {
+  impl_->regions_taken_over.Increment(static_cast<double>(count));
 }
 
 void Metrics::cells_committed(std::size_t count) {

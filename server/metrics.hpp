@@ -21,6 +21,7 @@ struct StoreCounts {
 struct MetricsSnapshot {
   std::optional<StoreCounts> store;  ///< nothing where the store does not answer
   std::uint64_t store_bytes = 0;     ///< of the store's files
+  std::uint64_t place_bytes = 0;     ///< of what is known of places, in memory
   std::size_t tokens = 0;
 };
 
@@ -34,6 +35,10 @@ class Metrics {
   void request(std::string_view route, std::string_view method, int status, double seconds,
                std::size_t bytes_out);
   void relocalisation(bool found);
+  /// Another server, by its URL, was asked to search its regions: "answered", "failed", or
+  /// "left_alone" because it failed a moment ago.
+  void place_server_asked(const std::string& server, const std::string& outcome);
+  void place_regions_taken_over(std::size_t count);  ///< searched instead of the others
   void cells_committed(std::size_t count);
   void part_made();  ///< of another worker's drive
   void job_ended(const std::string& state);

@@ -1,11 +1,14 @@
 #include "server/settings.hpp"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <ostream>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/store_place.hpp"
+#include "server/api/text.hpp"
 #include "server/http/client_address.hpp"
 #include "server/http/listener.hpp"
 
@@ -103,6 +106,18 @@ void add_options(CLI::App& app, Settings& settings) {
                  "MiB for what relocalisation knows of CELLs, 1.2 kB each; what was used longest "
                  "ago makes room and is read again from the store when it is needed")
       ->check(CLI::Range(1, 1'000'000));
+  app.add_option("--place-servers", settings.place_servers,
+                 "URLs of the servers of one database, itself too and everywhere the same: each "
+                 "keeps what relocalisation knows of its share of every map, and asks the others "
+                 "for theirs (http://HOST:PORT; repeatable, or with commas)")
+      ->delimiter(',');
+  app.add_option("--place-self", settings.place_self, "Which of them this server is");
+  app.add_option("--place-timeout", settings.place_timeout_s,
+                 "Seconds that another has to answer; then its share is searched here too")
+      ->check(CLI::Range(0.05, 600.0));
+  app.add_option("--place-alone", settings.place_alone,
+                 "As many CELLs, or fewer, are searched by the server that is asked; more by all")
+      ->check(CLI::Range(0, 1'000'000'000));
   app.add_option("--max-connections", settings.max_connections,
                  "Held open; beyond them the longest idle one makes room")
       ->check(CLI::Range(16, 1'000'000));
@@ -124,7 +139,8 @@ std::string text_of(CLI::App& app, const Settings& settings) {
       {"--listen", &settings.listen},
       {"--data-root", &settings.data_roots},
       {"--allow-origin", &settings.allow_origins},
-      {"--trusted-proxy", &settings.trusted_proxies}};
+      {"--trusted-proxy", &settings.trusted_proxies},
+      {"--place-servers", &settings.place_servers}};
   for (const auto& [name, values] : lists) {
     CLI::Option* option = app.get_option(name);
     option->configurable(!values->empty());
@@ -198,6 +214,56 @@ std::optional<ObjectStoreOptions> objects_of(const Settings& settings) {
   objects.take_keys_from_environment();
   objects.validate();
   return objects;
+}
+
+namespace {
+
+/// "http://HOST[:PORT]" without a slash at its end: everywhere the same text for the same server.
+std::string url_of_server(std::string text) {
+  while (text.ends_with('/')) text.pop_back();
+  const auto scheme = text.starts_with("https://") ? 8u : 7u;
+  const bool good = (text.starts_with("http://") || scheme == 8) && text.size() > scheme &&
+                    text.find_first_of("/?#@ \\", scheme) == std::string::npos;
+  if (good) return text;
+  throw Error(ErrorCode::kInvalidArgument,
+              "--place-servers and --place-self take servers as http://10.0.0.1:8080, found " +
+                  in_quotes(text) + ".");
+}
+
+}  // namespace
+
+PlaceServersOptions place_servers_of(const Settings& settings) {
+  const auto refuse = [](const std::string& why) { throw Error(ErrorCode::kInvalidArgument, why); };
+  PlaceServersOptions options;
+  options.timeout = std::chrono::milliseconds(std::lround(settings.place_timeout_s * 1000));
+  options.alone = settings.place_alone;
+  for (const std::string& server : settings.place_servers) {
+    options.servers.push_back(url_of_server(server));
+    if (std::ranges::count(options.servers, options.servers.back()) > 1) {
+      refuse("--place-servers has " + options.servers.back() + " twice.");
+    }
+  }
+  if (options.servers.empty() && settings.place_self.empty()) return options;
+  if (options.servers.empty()) refuse("--place-self is one of --place-servers, which are missing.");
+  if (settings.place_self.empty()) {
+    refuse("--place-servers needs --place-self: which of them this server is.");
+  }
+  options.self = url_of_server(settings.place_self);
+  if (std::ranges::count(options.servers, options.self) == 0) {
+    refuse("--place-self " + options.self +
+           " is none of --place-servers; each server has the same list, and is in it.");
+  }
+  if (store_file(settings.store)) {
+    refuse(
+        "--place-servers is for the servers of a PostgreSQL database (--store "
+        "postgresql://...); a file has one server: leave it out.");
+  }
+  if (settings.role == "worker") {
+    refuse(
+        "--place-servers is for servers that answer; one with --role worker answers nothing: "
+        "leave it out, and this server out of the lists of the others.");
+  }
+  return options;
 }
 
 void check_role(const Settings& settings) {

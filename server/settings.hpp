@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cellmap/store/object_store.hpp"
+#include "server/api/place_servers.hpp"
 
 namespace cellmap::server {
 
@@ -30,6 +31,12 @@ struct Settings {
   std::vector<std::string> trusted_proxies;
   int threads = 0;
   std::size_t place_memory_mib = 4096;
+  /// URLs of the servers of one database that hold the index of places together, and which of them
+  /// this one is.
+  std::vector<std::string> place_servers;
+  std::string place_self;
+  double place_timeout_s = 2;
+  std::size_t place_alone = kCompareAll;
   int max_connections = 4096;
   std::string log_level = "info", log_format = "text";
   bool insecure = false;
@@ -48,6 +55,11 @@ std::optional<ObjectStoreOptions> objects_of(const Settings& settings);
 
 /// Throws Error{kInvalidArgument} where a server of a file, which has only one, would not do all.
 void check_role(const Settings& settings);
+
+/// The servers that hold the index of places together; none where there are no others. Throws
+/// Error{kInvalidArgument} for what is no URL of a server or there twice, where this server is none
+/// of them, and where it is one of a file, or a worker, which has no others or answers none.
+PlaceServersOptions place_servers_of(const Settings& settings);
 
 /// Throws Error{kInvalidArgument} where others than this machine could reach the server and nobody
 /// would be asked who they are.

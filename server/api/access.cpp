@@ -47,6 +47,7 @@ constexpr std::array kAccessTable{
     AccessRow{"GET", "/v1/maps/{map}/events", kRead},
     AccessRow{"GET", "/v1/maps/{map}/trajectory", kRead},
     AccessRow{"POST", "/v1/maps/{map}/relocalise", Scope::kRelocalise},
+    AccessRow{"POST", "/v1/maps/{map}/places:search", Scope::kRelocalise},
     AccessRow{"GET", "/v1/maps/{map}/diff", kRead},
     AccessRow{"GET", "/v1/maps/{map}/loops", kRead},
     AccessRow{"POST", "/v1/maps/{map}/loops", kWrite},

@@ -42,15 +42,31 @@ JobQueueOptions job_options(const ApiOptions& options) {
   return jobs;
 }
 
+/// Where a store keeps no descriptions every query makes them again, so it is said now and then.
+MapsOptions maps_options(const ApiOptions& options, const std::shared_ptr<spdlog::logger>& log) {
+  MapsOptions maps = options.maps;
+  maps.on_unkept = [log, says = std::make_shared<Seldom>()](const std::string& map,
+                                                            const Error& why) {
+    if (!(*says)()) return;
+    log->warn("cannot keep what it described of {}, and will describe it again: {}", map,
+              why.what());
+  };
+  return maps;
+}
+
 }  // namespace
 
 Services::Services(Store& store_in, std::shared_ptr<spdlog::logger> log_in, ApiOptions options_in)
     : options(std::move(options_in)),
       log(std::move(log_in)),
       store(store_in),
-      maps(store, options.maps),
+      maps(store, maps_options(options, log)),
       jobs(maps, metrics, log, job_options(options)),
-      relocalisations(options.relocalisations) {}
+      place_servers(options.place_servers, metrics, log),
+      turns{"relocalisations and comparisons", options.relocalisations,
+            options.relocalisation_wait},
+      // Who asks waits no longer.
+      place_turns{"searches", options.place_searches, options.place_servers.timeout} {}
 
 Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
     : services_(std::make_unique<Services>(store, log ? std::move(log) : silent_log(),
@@ -64,6 +80,7 @@ Api::Api(Store& store, ApiOptions options, std::shared_ptr<spdlog::logger> log)
   add_pose_graph_routes(router_, *services_);
   add_change_routes(router_, *services_);
   add_relocalise_route(router_, *services_);
+  add_place_search_route(router_, *services_);
   add_loop_routes(router_, *services_);
   add_session_routes(router_, *services_);
   add_session_scan_routes(router_, *services_);
@@ -204,6 +221,9 @@ std::optional<Response> Api::admit(const Request& request, Exchange& exchange) c
   if (!route || !guard || request.caller) return std::nullopt;
   auth::Demand demand{route->scope, {}, {}, request.address};
   if (const auto field = request.headers.get("Authorization")) demand.field = *field;
+  if (route->for_servers) {
+    demand.for_servers = std::max<std::size_t>(1, services_->place_servers.others());
+  }
   if (guard->asks_for_tokens()) demand.map = map_of(exchange.match, services_->jobs);
   auto verdict = guard->admit(demand);
   exchange.caller = std::move(verdict.caller);

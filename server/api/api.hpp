@@ -7,12 +7,13 @@
 #include <cstddef>
 #include <filesystem>
 #include <memory>
-#include <semaphore>
 #include <string>
 
 #include "server/api/message.hpp"
+#include "server/api/place_servers.hpp"
 #include "server/api/router.hpp"
 #include "server/api/standard_headers.hpp"
+#include "server/api/turn.hpp"
 #include "server/audit_log.hpp"
 #include "server/auth/guard.hpp"
 #include "server/jobs/job_queue.hpp"
@@ -26,6 +27,10 @@ struct ApiOptions {
   int threads = 0;               ///< of one relocalisation or optimisation; 0: all
   int relocalisations = 2;       ///< that run at a time; others wait up to `relocalisation_wait`
   std::chrono::milliseconds relocalisation_wait = std::chrono::seconds(10);
+  /// The same of searches for other servers. Apart from relocalisations, which wait for searches of
+  /// other servers: those wait for nobody, so that no circle of servers waits for itself.
+  int place_searches = 2;
+  PlaceServersOptions place_servers;
   int max_followers = 64;  ///< clients that follow jobs or maps at a time
   std::chrono::milliseconds heartbeat = std::chrono::seconds(5);
   MapsOptions maps;
@@ -48,8 +53,10 @@ struct Services {
   Metrics metrics;
   Maps maps;
   JobQueue jobs;
-  std::counting_semaphore<> relocalisations;
-  std::atomic<int> turns = 0;  ///< of those that run or wait
+  PlaceServers place_servers;
+  Turns turns;        ///< of relocalisations and comparisons
+  Turns place_turns;  ///< of searches for other servers
+  Seldom says_strange_regions;
   std::atomic<int> followers = 0;
   std::atomic<bool> stopping = false;  ///< streams and long polls end
 };
@@ -110,6 +117,7 @@ void add_cell_batch_route(Router& router, Services& services);
 void add_pose_graph_routes(Router& router, Services& services);
 void add_change_routes(Router& router, Services& services);
 void add_relocalise_route(Router& router, Services& services);
+void add_place_search_route(Router& router, Services& services);
 void add_loop_routes(Router& router, Services& services);
 void add_session_routes(Router& router, Services& services);
 void add_session_scan_routes(Router& router, Services& services);

@@ -18,11 +18,12 @@ std::shared_ptr<const PoseGraph> aligned(std::shared_ptr<const PoseGraph> graph)
   return std::make_shared<const PoseGraph>(std::move(rest));
 }
 
-std::shared_ptr<const PlaceIndex> index_of(std::shared_ptr<DescribedCells> described,
-                                           const PoseGraph& graph) {
-  auto regions = std::make_shared<const PlaceRegions>(graph);
+MapState::Places places_of(std::shared_ptr<DescribedCells> described,
+                           std::shared_ptr<const PoseGraph> graph) {
+  auto regions = std::make_shared<const PlaceRegions>(*graph);
   auto parts = std::make_shared<const PartsOfGraph>(std::move(described), regions);
-  return std::make_shared<const PlaceIndex>(std::move(regions), std::move(parts));
+  return {std::move(graph), std::move(regions),
+          std::make_shared<const PartsSearcher>(std::move(parts))};
 }
 
 }  // namespace
@@ -59,12 +60,13 @@ void TargetCache::erase(std::uint64_t map_key, CellId id) {
   by_key_.erase(found);
 }
 
-MapState::MapState(Store& store, TargetCache& cache, PartCache& parts,
+MapState::MapState(Store& store, TargetCache& cache, PartCache& parts, const OnUnkept& on_unkept,
                    std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
                    std::uint64_t key)
     : store_(store),
       cache_(cache),
       parts_(parts),
+      on_unkept_(on_unkept),
       lattice_(std::move(lattice)),
       name_(std::move(name)),
       created_(created),
@@ -115,13 +117,15 @@ MapAccess MapState::access(const std::shared_ptr<const MapState>& state) {
 std::shared_ptr<DescribedCells> MapState::described_cells() const {
   const std::lock_guard lock(places_mutex_);
   if (!described_) {
-    described_ = std::make_shared<DescribedCells>(store_, parts_, name_, lattice_);
+    described_ = std::make_shared<DescribedCells>(store_, parts_, name_, lattice_, on_unkept_);
   }
   return described_;
 }
 
 std::shared_ptr<const PlaceIndex> MapState::place_index(const PoseGraph& graph) const {
-  return index_of(described_cells(), graph);
+  // The regions have copies of what they need of it.
+  const Places places = places_of(described_cells(), {std::shared_ptr<void>(), &graph});
+  return std::make_shared<const PlaceIndex>(places.regions, places.searcher);
 }
 
 MapState::Places MapState::places() const {
@@ -131,8 +135,7 @@ MapState::Places MapState::places() const {
     if (places_.graph && places_.graph->revision == current->revision) return places_;
   }
   const auto described = described_cells();
-  Places places{aligned(current), nullptr};
-  places.index = index_of(described, *places.graph);
+  const Places places = places_of(described, aligned(current));
   const std::lock_guard lock(places_mutex_);
   const bool is_newer = !places_.graph || places_.graph->revision < current->revision;
   if (is_newer && described == described_) places_ = places;
@@ -156,8 +159,9 @@ std::shared_ptr<const MapState> Maps::open(const std::string& name) {
     }
     states_.erase(found);  // another map by the same name
   }
-  states_.push_front(std::make_shared<const MapState>(
-      store_, cache_, parts_, lattices_.get(info.lattice), name, info.created, next_key_++));
+  states_.push_front(std::make_shared<const MapState>(store_, cache_, parts_, options_.on_unkept,
+                                                      lattices_.get(info.lattice), name,
+                                                      info.created, next_key_++));
   auto opened = states_.front();
   for (auto state = std::prev(states_.end());
        states_.size() > options_.loaded_maps && state != states_.begin();) {

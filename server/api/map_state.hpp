@@ -12,6 +12,7 @@
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/pipeline/back_end.hpp"
 #include "cellmap/place/loop_detection.hpp"
+#include "cellmap/place/place_search.hpp"
 #include "cellmap/place/relocalise.hpp"
 #include "cellmap/pose_graph/pose_graph.hpp"
 #include "cellmap/store/store.hpp"
@@ -46,7 +47,7 @@ class TargetCache {
 /// Thread safe.
 class MapState {
  public:
-  MapState(Store& store, TargetCache& cache, PartCache& parts,
+  MapState(Store& store, TargetCache& cache, PartCache& parts, const OnUnkept& on_unkept,
            std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
            std::uint64_t key);
 
@@ -74,7 +75,8 @@ class MapState {
   /// What can be relocalised in: the CELLs that are in the map frame, at one revision.
   struct Places {
     std::shared_ptr<const PoseGraph> graph;
-    std::shared_ptr<const PlaceIndex> index;
+    std::shared_ptr<const PlaceRegions> regions;    ///< of it
+    std::shared_ptr<const PlaceSearcher> searcher;  ///< of them, in this process
   };
   /// Of the store's current revision.
   Places places() const;
@@ -89,6 +91,7 @@ class MapState {
   Store& store_;
   TargetCache& cache_;
   PartCache& parts_;
+  const OnUnkept& on_unkept_;
   std::shared_ptr<const Lattice> lattice_;
   std::string name_;
   Stamp created_;
@@ -105,6 +108,7 @@ struct MapsOptions {
   std::size_t loaded_maps = 16;                    ///< states kept; more only while they are in use
   std::size_t cached_targets = 256;                ///< RegistrationTargets, about 0.5 MB each
   std::size_t place_bytes = std::size_t{4} << 30;  ///< of descriptors of CELLs, of all maps
+  OnUnkept on_unkept;                              ///< may be empty; thread safe
 };
 
 /// The states of the maps of a store. Thread safe.
@@ -116,6 +120,7 @@ class Maps {
   std::shared_ptr<const MapState> open(const std::string& name);
   void forget(const std::string& name);
   Store& store() { return store_; }
+  std::size_t place_bytes() const { return parts_.bytes(); }  ///< of descriptors in memory
 
  private:
   Store& store_;

@@ -13,11 +13,12 @@
 namespace cellmap::server {
 
 DescribedCells::DescribedCells(Store& store, PartCache& cache, std::string map,
-                               std::shared_ptr<const Lattice> lattice)
+                               std::shared_ptr<const Lattice> lattice, OnUnkept on_unkept)
     : store_(store),
       cache_(cache),
       map_(std::move(map)),
       lattice_(std::move(lattice)),
+      on_unkept_(std::move(on_unkept)),
       index_(cache.new_index()) {}
 
 DescribedCells::~DescribedCells() { cache_.erase_index(index_); }
@@ -79,8 +80,9 @@ void DescribedCells::read_or_make(std::vector<CellId> ids, PlacePart& part) cons
   if (made.empty()) return;
   try {
     kept.keep_descriptions(map_, made);
-  } catch (const Error&) {
-    // A full disk, say: they are made again the next time, and the query has its answer.
+  } catch (const Error& error) {
+    // They are made again the next time, and the query has its answer.
+    if (on_unkept_) on_unkept_(map_, error);
   }
 }
 

@@ -2,16 +2,21 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <vector>
 
+#include "cellmap/core/error.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/place/part_cache.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap::server {
+
+/// Is told that what was described of a map's CELLs could not be kept, for a full disk, say.
+using OnUnkept = std::function<void(const std::string& map, const Error& why)>;
 
 /// The descriptors of the CELLs of a map, read from the store when a query first needs their
 /// region; those that it has not yet are made of the CELLs and kept there. They are forgotten when
@@ -23,7 +28,7 @@ class DescribedCells {
  public:
   /// `store` and `cache` outlive it.
   DescribedCells(Store& store, PartCache& cache, std::string map,
-                 std::shared_ptr<const Lattice> lattice);
+                 std::shared_ptr<const Lattice> lattice, OnUnkept on_unkept = {});
   ~DescribedCells();
   DescribedCells(const DescribedCells&) = delete;
   DescribedCells& operator=(const DescribedCells&) = delete;
@@ -42,6 +47,7 @@ class DescribedCells {
   PartCache& cache_;
   const std::string map_;
   const std::shared_ptr<const Lattice> lattice_;
+  const OnUnkept on_unkept_;
   const std::uint64_t index_;
   /// Who makes a part holds one, so that no part is made twice at a time.
   std::array<std::mutex, 16> turns_;

@@ -10,6 +10,7 @@
 #include "cellmap/scan/scan_source.hpp"
 #include "server/api/api.hpp"
 #include "server/api/media_types.hpp"
+#include "server/api/shared_searcher.hpp"
 #include "server/api/text.hpp"
 #include "server/api/turn.hpp"
 
@@ -116,6 +117,20 @@ Json to_document(const Services& services, const std::string& map,
   return json;
 }
 
+/// What is large is searched together with the other servers.
+PlaceIndex index_of(Services& services, const Call& call, const MapState& state,
+                    const MapState::Places& places) {
+  std::shared_ptr<const PlaceSearcher> searcher = places.searcher;
+  if (services.place_servers.others() > 0) {
+    searcher = std::make_shared<const SharedSearcher>(
+        services.place_servers, services.metrics, state.name(), places.graph->revision,
+        places.searcher,
+        OnBehalfOf{call.request_id(), std::optional<std::string>(call.header("Authorization")),
+                   call.address()});
+  }
+  return {places.regions, std::move(searcher)};
+}
+
 Response relocalise(Services& services, const Call& call) {
   const auto state = services.maps.open(call.path("map"));
   const auto prior = read_prior(call);
@@ -130,7 +145,8 @@ Response relocalise(Services& services, const Call& call) {
     graph = places.graph;
     RelocaliseOptions options;
     options.threads = options.registration.threads = threads;
-    answer = places.index->relocalise(query, *graph, MapState::targets(state), options);
+    answer = index_of(services, call, *state, places)
+                 .relocalise(query, *graph, MapState::targets(state), options);
     elapsed = std::chrono::steady_clock::now() - start;
   });
   services.metrics.relocalisation(answer.found.has_value());

@@ -42,6 +42,8 @@ class Call {
       : request_(request), caller_(caller), path_(path), query_(query) {}
 
   const std::string& method() const { return request_.method; }
+  const std::string& request_id() const { return request_.id; }
+  const std::string& address() const { return request_.address; }  ///< where it comes from
   std::optional<std::string_view> header(std::string_view name) const {
     return request_.headers.get(name);
   }
@@ -89,6 +91,7 @@ struct Route {
   bool waits = false;         ///< a GET that takes long or waits for something to happen
   bool body_in_file = false;  ///< bodies are large: the front puts them into a file, not in memory
   std::optional<auth::Scope> scope{};  ///< what it asks of its caller; `add` looks it up
+  bool for_servers = false;            ///< other servers ask it on behalf of their callers
 };
 
 /// Routes of the API in order; the first that fits wins.

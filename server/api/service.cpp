@@ -60,6 +60,7 @@ MetricsSnapshot snapshot(const Services& services) {
   MetricsSnapshot snapshot;
   snapshot.store = store_counts(services);
   snapshot.store_bytes = store_bytes(services.options.store_file);
+  snapshot.place_bytes = services.maps.place_bytes();
   if (services.options.guard) snapshot.tokens = services.options.guard->token_count();
   return snapshot;
 }

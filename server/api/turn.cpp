@@ -1,7 +1,10 @@
 #include "server/api/turn.hpp"
 
+#include <string>
+
 #include "cellmap/core/background.hpp"
 #include "cellmap/core/error.hpp"
+#include "server/api/api.hpp"
 
 namespace cellmap::server {
 namespace {
@@ -11,18 +14,16 @@ constexpr int kMostWaiting = 32;
 
 class Turn {
  public:
-  explicit Turn(Services& services) : services_(services), before_(services.turns++) {
-    const ApiOptions& options = services.options;
-    if (before_ >= options.relocalisations + kMostWaiting ||
-        !services.relocalisations.try_acquire_for(options.relocalisation_wait)) {
-      --services.turns;
+  explicit Turn(Turns& turns) : turns_(turns), before_(turns.taken++) {
+    if (before_ >= turns.at_a_time + kMostWaiting || !turns.free.try_acquire_for(turns.wait)) {
+      --turns.taken;
       throw Error(ErrorCode::kUnavailable,
-                  "Too many relocalisations and comparisons at a time; try again.");
+                  "Too many " + std::string(turns.what) + " at a time; try again.");
     }
   }
   ~Turn() {
-    --services_.turns;
-    services_.relocalisations.release();
+    --turns_.taken;
+    turns_.free.release();
   }
   Turn(const Turn&) = delete;
   Turn& operator=(const Turn&) = delete;
@@ -30,15 +31,19 @@ class Turn {
   bool is_alone() const { return before_ == 0; }
 
  private:
-  Services& services_;
+  Turns& turns_;
   const int before_;  ///< that ran or waited when it came
 };
 
 }  // namespace
 
+void in_turn(Turns& turns, int threads, const std::function<void(int threads)>& work) {
+  const Turn turn(turns);
+  run_in_background([&] { work(turn.is_alone() ? threads : 1); });
+}
+
 void in_turn(Services& services, const std::function<void(int threads)>& work) {
-  const Turn turn(services);
-  run_in_background([&] { work(turn.is_alone() ? services.options.threads : 1); });
+  in_turn(services.turns, services.options.threads, work);
 }
 
 }  // namespace cellmap::server

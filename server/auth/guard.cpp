@@ -74,9 +74,14 @@ bool Guard::still_knows(const Token& token) const {
   return false;
 }
 
-Verdict Guard::too_many(const std::string& key, double per_second, Caller caller) {
+Verdict Guard::too_many(const Demand& demand, const std::string& key, double per_second,
+                        Caller caller) {
   if (per_second <= 0) return {Refusal::kNone, std::move(caller)};
-  const auto wait = requests_.take(key, per_second, RateLimiter::Clock::now());
+  const bool own = demand.for_servers == 0;
+  const auto wait =
+      requests_.take(own ? key : "for servers " + key,
+                     own ? per_second : per_second * static_cast<double>(demand.for_servers),
+                     RateLimiter::Clock::now());
   return {wait.count() > 0 ? Refusal::kTooMany : Refusal::kNone, std::move(caller), wait.count()};
 }
 
@@ -87,15 +92,15 @@ Verdict Guard::failed(Refusal refusal, const std::string& address) {
 
 Verdict Guard::admit(const Demand& demand) {
   if (!demand.scope) return {};
-  if (!asks_for_tokens()) return too_many(demand.address, options_.requests_per_s, {});
+  if (!asks_for_tokens()) return too_many(demand, demand.address, options_.requests_per_s, {});
   if (!demand.field) return {Refusal::kNoToken, {}, 0};  // no guess
   const auto secret = secret_of(*demand.field);
   auto token = secret ? find(*secret) : nullptr;
   if (!token) return failed(Refusal::kUnknownToken, demand.address);
   if (token->is_expired(now())) return failed(Refusal::kExpired, demand.address);
   Verdict verdict =
-      too_many("token " + token->name, token->requests_per_s.value_or(options_.requests_per_s),
-               {token->name, token});
+      too_many(demand, "token " + token->name,
+               token->requests_per_s.value_or(options_.requests_per_s), {token->name, token});
   if (verdict.refusal != Refusal::kNone) return verdict;
   if (!token->allows(*demand.scope)) verdict.refusal = Refusal::kScope;
   if (demand.map && !token->allows_map(*demand.map)) verdict.refusal = Refusal::kMap;

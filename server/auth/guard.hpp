@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <mutex>
@@ -33,6 +34,9 @@ struct Demand {
   std::optional<std::string> map;    ///< that it is about
   std::optional<std::string> field;  ///< the value of its Authorization
   std::string address;               ///< where it comes from
+  /// Of what other servers ask on behalf of a caller: how many they are. He was charged where he
+  /// asked; here it counts apart from his own requests, so many times as many of them.
+  std::size_t for_servers = 0;
 };
 
 enum class Refusal {
@@ -71,7 +75,7 @@ class Guard {
   using Tokens = std::vector<std::shared_ptr<const Token>>;
   std::shared_ptr<const Token> find(std::string_view secret) const;
   std::shared_ptr<const Tokens> tokens() const;
-  Verdict too_many(const std::string& key, double per_second, Caller caller);
+  Verdict too_many(const Demand& demand, const std::string& key, double per_second, Caller caller);
   Verdict failed(Refusal refusal, const std::string& address);
 
   const GuardOptions options_;

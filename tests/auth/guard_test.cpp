@@ -155,6 +155,23 @@ TEST_F(GuardTest, RatesAreOfEachTokenOrOfEachAddress) {
   EXPECT_EQ(open.admit({std::nullopt, {}, {}, "192.0.2.1"}).refusal, Refusal::kNone);
 }
 
+/// He was charged where he asked; who asks servers' routes himself is bounded all the same.
+TEST_F(GuardTest, WhatServersAskOnBehalfOfATokenCountsApartAndSoManyTimesAsMuch) {
+  const auto secret = add("cart", {Scope::kRelocalise});
+  Guard guard({.tokens = file_, .requests_per_s = 2});
+  const auto admitted = [&](std::size_t for_servers) {
+    Demand one = demand(secret, Scope::kRelocalise);
+    one.for_servers = for_servers;
+    int count = 0;
+    while (count < 100 && guard.admit(one).refusal == Refusal::kNone) ++count;
+    return count;
+  };
+  EXPECT_NEAR(admitted(0), 4, 1);  // two seconds' worth
+  EXPECT_NEAR(admitted(3), 12, 1);
+  EXPECT_EQ(admitted(0), 0);
+  EXPECT_EQ(admitted(3), 0);
+}
+
 TEST_F(GuardTest, GuessingIsSlowedDownAndHurtsNobodyElse) {
   const auto secret = add("cart", {Scope::kMapRead});
   Guard guard({.tokens = file_, .failures_per_s = 0.5});

@@ -81,7 +81,7 @@ int main_of(int argc, char** argv) {
   CLI::App app{"Measures CELLmap against the paper's way; prints a Markdown table"};
   Flags flags;
   std::string peak_memory_of;
-  std::vector<std::string> places_of;
+  std::vector<std::string> places_of, keep_places_of;
   int threads = 1;
   std::set<std::string> names;
   for (const Group& group : kGroups) names.insert(group.name);
@@ -94,6 +94,7 @@ int main_of(int argc, char** argv) {
       ->delimiter(',');
   app.add_option("--peak-memory-of", peak_memory_of)->group("");
   app.add_option("--places-of", places_of)->expected(2)->group("");
+  app.add_option("--keep-places-of", keep_places_of)->expected(2)->group("");
   app.add_option("--threads", threads)->group("");
   try {
     app.parse(argc, argv);
@@ -101,6 +102,7 @@ int main_of(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   if (!peak_memory_of.empty()) return print_peak_memory_of_build(peak_memory_of, threads);
+  if (!keep_places_of.empty()) return keep_places_of_store(keep_places_of[0], keep_places_of[1]);
   if (!places_of.empty()) return print_places_of_store(places_of[0], places_of[1]);
 
   // Opened first: a wrong name should not cost a minute.

@@ -28,7 +28,7 @@ struct PlaceSearches {
 
   std::vector<CellId> in_parts() const {
     const auto search = [&](const PlaceRegions& regions) {
-      return ids_of(most_alike(query, regions, places.parts(), kCandidates, threads));
+      return ids_of(most_alike(query.views(), regions, places.searcher(), kCandidates, threads));
     };
     if (!near) return search(places.regions());
     return search(places.regions().within(near->translation().head<2>(), reach_m));

@@ -59,5 +59,7 @@ int print_peak_memory_of_build(const std::string& folder, int threads);
 /// store, reads them, searches among them with room for all and with room for a quarter, and prints
 /// what that takes as JSON.
 int print_places_of_store(const std::string& store, const std::string& map);
+/// The keeping alone.
+int keep_places_of_store(const std::string& store, const std::string& map);
 
 }  // namespace cellmap::bench

@@ -68,6 +68,12 @@ void keep_all(Store& store, const std::string& map, const SyntheticPlaces& place
 
 }  // namespace
 
+int keep_places_of_store(const std::string& address, const std::string& map) {
+  const auto store = open_store(address);
+  keep_all(*store, map, SyntheticPlaces(store->pose_graph(map)));
+  return 0;
+}
+
 int print_places_of_store(const std::string& address, const std::string& map) {
   constexpr std::size_t kCandidates = 30, kAllBytes = std::size_t{1} << 40;
   const auto store = open_store(address);
@@ -82,16 +88,19 @@ int print_places_of_store(const std::string& address, const std::string& map) {
     figures[what] = {{"s", taken.seconds}, {"processor_s", taken.processor_seconds}};
   };
   add("keep", taken_by([&] { keep_all(*store, map, places); }));
-  const auto search = [&](const std::string& what, const StoredParts& parts) {
+  const auto search = [&](const std::string& what, const std::shared_ptr<StoredParts>& parts) {
     std::vector<AlikePlace> found;
-    add(what, taken_by([&] { found = most_alike(query, regions, parts, kCandidates, threads); }));
+    const PartsSearcher searcher(parts);
+    add(what, taken_by([&] {
+          found = most_alike(query.views(), regions, searcher, kCandidates, threads);
+        }));
     require_agreement(found.front().id.value == regions.cells() / 3, "the place itself");
   };
-  const StoredParts roomy(*store, map, regions, kAllBytes);
+  const auto roomy = std::make_shared<StoredParts>(*store, map, regions, kAllBytes);
   search("first_search", roomy);
   search("search", roomy);
-  figures["memory_mib"] = static_cast<double>(roomy.bytes()) / (1 << 20);
-  const StoredParts narrow(*store, map, regions, roomy.bytes() / 4);
+  figures["memory_mib"] = static_cast<double>(roomy->bytes()) / (1 << 20);
+  const auto narrow = std::make_shared<StoredParts>(*store, map, regions, roomy->bytes() / 4);
   search("first_search_in_a_quarter", narrow);
   search("search_in_a_quarter", narrow);
   std::cout << figures.dump() << '\n';

@@ -155,12 +155,12 @@ std::vector<CellId> WholeIndex::most_alike(const DescribedQuery& query,
   std::vector<std::size_t> some = slots;
   if (slots.size() > kCompareAll) {
     some = best_of(slots, std::max(count, kShortlist), threads, [&](std::size_t slot) {
-      return signatures_[slot].most_alike(query.some_views(), kFirstHarmonics);
+      return signatures_[slot].most_alike(query.views().some(), kFirstHarmonics);
     });
   }
   std::vector<CellId> best;
   for (const std::size_t slot : best_of(some, count, threads, [&](std::size_t s) {
-         return signatures_[s].most_alike(query.views(), kAll);
+         return signatures_[s].most_alike(query.views().all(), kAll);
        })) {
     best.push_back(ids_[slot]);
   }

@@ -8,6 +8,7 @@
 
 #include "cellmap/place/described_query.hpp"
 #include "cellmap/place/part_cache.hpp"
+#include "cellmap/place/place_search.hpp"
 
 namespace cellmap::bench {
 
@@ -23,6 +24,7 @@ class SyntheticPlaces {
   const PoseGraph& graph() const { return graph_; }
   const PlaceRegions& regions() const { return *regions_; }
   const PlaceParts& parts() const { return *parts_; }
+  PartsSearcher searcher() const { return PartsSearcher(parts_); }
   double parts_mib() const { return parts_mib_; }  ///< that they take of the heap
 
   /// As from a metre beside a CELL, turned.

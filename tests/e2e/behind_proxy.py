@@ -87,6 +87,9 @@ class Checks:
         response, _ = self.ask("GET", "/v1/maps", X_Request_Id="from-the-client.1")
         self.check(response.headers["X-Request-Id"] == "from-the-client.1", "the client's request id goes through",
                    response.headers["X-Request-Id"])
+        response, body = self.ask("POST", "/v1/maps/town/places:search", b"", Content_Type="application/vnd.cellmap.place-query")
+        self.check(response.status == 404 and json.loads(body)["detail"] == "Servers ask this of each other.",
+                   "what servers ask each other is not for clients", (response.status, body))
         response, body = self.ask("GET", "/v1/maps/atlantis")
         made = response.headers["X-Request-Id"]
         self.check(re.fullmatch("[0-9a-f-]{32,36}", made) and json.loads(body)["request_id"] == made,

@@ -132,6 +132,24 @@ def drive_part():
     yield "drive_part", "one-cell", b.finish(b.table({0: ("H", generate.VERSION), 1: ("ref", cells)}), b"CPRT")
 
 
+def place_search():
+    """A query of one region whose views are nearly empty, and an answer of three places, two of them described."""
+    b = generate.Builder()
+    coefficients = struct.pack("<26000f", *(0.5 if k % 4096 == 7 else 0 for k in range(26000)))
+    query = b.table({0: ("H", generate.VERSION), 1: ("H", 1), 2: ("Q", 9), 3: ("H", 3), 4: ("B", 1), 5: ("Q", (1 << 60) - 1),
+                     6: ("ref", b.vector(coefficients, 26000, 4)),
+                     7: ("ref", b.vector(struct.pack("<2iQ", -3, 4, 1 << 63), 1, 8))})
+    yield "place_search", "query", b"\0" + b.finish(query, b"CPLQ")
+    b = generate.Builder()
+    description = b"\1" + bytes(range(200)) * 5 + bytes(100) + pose_row()
+    columns = {1: b.vector(struct.pack("<2I", 1, 4), 2, 4), 2: b.vector(struct.pack("<3I", 7, 5, 6), 3, 4),
+               3: b.vector(struct.pack("<3f", 0.5, 0.25, 0.25), 3, 4), 4: b.vector(struct.pack("<3f", 0.5, 0.25, 0.25), 3, 4),
+               5: b.vector(3 * description, 3 * len(description), 1)}
+    answer = b.finish(b.table({0: ("H", generate.VERSION), **{ident: ("ref", column) for ident, column in columns.items()}}), b"CPLR")
+    yield "place_search", "answer", b"\1" + answer
+    yield "place_search", "answer-after-a-first-look", b"\2" + answer
+
+
 def seeds():
     for target, files in FROM_FILES.items():
         for k, (pattern, before, part) in enumerate(files):
@@ -142,6 +160,7 @@ def seeds():
             yield target, f"text-{k}", text.encode()
     yield from bodies()
     yield from drive_part()
+    yield from place_search()
 
 
 def main():

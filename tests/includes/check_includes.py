@@ -23,7 +23,7 @@ ROOMS = {
     "map": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place"],
     "change": ["core", "geometry", "cell", "registration", "place"],
     "pipeline": ["core", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map"],
-    "codec": ["core", "simd", "geometry", "scan", "cell", "registration", "pose_graph", "map", "pipeline", "schema"],
+    "codec": ["core", "simd", "geometry", "scan", "cell", "registration", "pose_graph", "place", "map", "pipeline", "schema"],
     "store": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec"],
     "archive": ["core", "geometry", "scan", "cell", "pose_graph", "map", "pipeline", "codec", "store"],
     "document": ["core", "geometry", "registration", "pose_graph", "place", "map", "change", "store"],

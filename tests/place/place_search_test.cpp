@@ -31,11 +31,14 @@ class Places : public PlaceParts {
     described_.insert_or_assign(id, place);
   }
   const std::map<CellId, DescribedPlace>& described() const { return described_; }
+  const PoseGraph& graph() const { return graph_; }
   std::size_t regions() const { return PlaceRegions(graph_).all().size(); }
+  PartsSearcher searcher() const { return PartsSearcher({std::shared_ptr<void>(), this}); }
 
   std::vector<CellId> most_alike(const DescribedQuery& query, std::size_t count,
                                  int threads = 1) const {
-    return ids_of(cellmap::most_alike(query, PlaceRegions(graph_), *this, count, threads));
+    return ids_of(
+        cellmap::most_alike(query.views(), PlaceRegions(graph_), searcher(), count, threads));
   }
   /// One part that holds everything.
   std::vector<CellId> most_alike_of_the_whole(const DescribedQuery& query,
@@ -131,7 +134,7 @@ TEST(PlaceSearch, InAManyTimesLargerMapTheSamePlacesAreFoundInPartsAsInOne) {
     EXPECT_EQ(places.most_alike(query, 1500, 2), whole);
   }
   const DescribedQuery narrow(without_what_is_ahead(seen(town(7), sensor_at(1, 0, 1))));
-  ASSERT_FALSE(narrow.sees_all());
+  ASSERT_FALSE(narrow.views().sees_all());
   EXPECT_EQ(places.most_alike(narrow, 30), places.most_alike_of_the_whole(narrow, 30));
 }
 

@@ -246,7 +246,7 @@ TEST_F(RelocalisationInATown, AnIndexInPartsAnswersAsOneThatIsWhole) {
   const auto regions = std::make_shared<const PlaceRegions>(graph);
   ASSERT_EQ(regions->all().size(), 4u);
   const auto parts = std::make_shared<TownInParts>(*map_, regions);
-  const PlaceIndex in_parts(regions, parts);
+  const PlaceIndex in_parts(regions, std::make_shared<PartsSearcher>(parts));
   EXPECT_EQ(in_parts.size(), index_->size());
   const auto source =
       TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 77}.open();

@@ -16,6 +16,7 @@ full-disk       the database's disk fills up: writes are refused, reads go on, n
 unit-costs      processor time and bytes of one fetch, relocalisation, CELL, scan
 capacity        10^6 synthetic CELLs in both engines: queries, changes, memory
 places          what relocalisation keeps of as many: in the store, in memory, and the search for candidates
+place-servers   the same shared out among 1, 2, 3 servers: memory of each, time of a query, the same answers, one of them hanging
 
 Every row prints a line and is asserted; --json has its figures.
 """
@@ -49,6 +50,7 @@ ROWS = {
     "unit-costs": ("postgres",),
     "capacity": ("postgres",),
     "places": ("postgres",),
+    "place-servers": ("postgres",),
 }
 SHORT = ("server-killed",)
 

@@ -111,7 +111,8 @@ TEST_F(SettingsTest, WhatIsPrintedAsInForceReadsAsTheSame) {
   ::setenv("CELLMAPD_THREADS", "4", 1);
   const auto result =
       read_settings({"--store", "a b.db", "--listen", "127.0.0.1:1", "--listen", "[::1]:2",
-                     "--insecure", "--allow-origin", "*", "--place-memory", "77", "--print-config"},
+                     "--insecure", "--allow-origin", "*", "--place-memory", "77", "--place-servers",
+                     "http://a:1,http://b:2", "--place-self", "http://b:2", "--print-config"},
                     out_, err_);
   EXPECT_EQ(std::get<int>(result), 0);
   ::unsetenv("CELLMAPD_THREADS");
@@ -119,6 +120,8 @@ TEST_F(SettingsTest, WhatIsPrintedAsInForceReadsAsTheSame) {
   EXPECT_EQ(again.store, "a b.db");
   EXPECT_EQ(again.threads, 4);
   EXPECT_EQ(again.place_memory_mib, 77u);
+  EXPECT_THAT(again.place_servers, ElementsAre("http://a:1", "http://b:2"));
+  EXPECT_EQ(again.place_self, "http://b:2");
   EXPECT_THAT(again.listen, ElementsAre("127.0.0.1:1", "[::1]:2"));
   EXPECT_THAT(again.allow_origins, ElementsAre("*"));
   EXPECT_TRUE(again.insecure);
@@ -143,6 +146,42 @@ TEST_F(SettingsTest, TheServersOfADatabaseMayShareItsWorkAndThatOfAFileDoesAll) 
   }
   EXPECT_THAT(refusal({"--store", database, "--role", "boss"}), HasSubstr("boss"));
   EXPECT_THAT(refusal({"--store", database, "--job-lease", "0"}), HasSubstr("job-lease"));
+}
+
+TEST_F(SettingsTest, ServersThatSearchTogetherAreAllNamedAndEachSaysWhichItIs) {
+  const std::string a = "http://10.0.0.1:8080", b = "http://10.0.0.2:8080";
+  const auto with = [&](std::vector<std::string> more, const std::string& store = "") {
+    std::vector<std::string> all{"--store", store.empty() ? "postgresql://maps@db/maps" : store};
+    all.insert(all.end(), more.begin(), more.end());
+    return place_servers_of(read(all));
+  };
+  EXPECT_TRUE(with({}).servers.empty());
+  EXPECT_TRUE(with({}, "maps.db").servers.empty());
+  const auto options = with({"--place-servers", a + "/," + b, "--place-self", b, "--place-timeout",
+                             "0.25", "--place-alone", "9"});
+  EXPECT_THAT(options.servers, ElementsAre(a, b));
+  EXPECT_EQ(options.self, b);
+  EXPECT_EQ(options.timeout.count(), 250);
+  EXPECT_EQ(options.alone, 9u);
+  const std::string both = a + "," + b;
+  const auto refused = [&](std::vector<std::string> more, const std::string& why,
+                           const std::string& store = "") {
+    try {
+      with(std::move(more), store);
+      ADD_FAILURE() << why;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::kInvalidArgument);
+      EXPECT_THAT(error.what(), HasSubstr(why));
+    }
+  };
+  refused({"--place-servers", both}, "--place-self");
+  refused({"--place-self", a}, "missing");
+  refused({"--place-servers", both, "--place-self", "http://10.0.0.3:8080"}, "none of");
+  refused({"--place-servers", a + "," + a, "--place-self", a}, "twice");
+  refused({"--place-servers", both + ",10.0.0.3:8080", "--place-self", a}, "10.0.0.3");
+  refused({"--place-servers", a + "/maps", "--place-self", a}, "/maps");
+  refused({"--place-servers", both, "--place-self", a}, "file", "maps.db");
+  refused({"--place-servers", both, "--place-self", a, "--role", "worker"}, "worker");
 }
 
 TEST_F(SettingsTest, OnlyThisMachineIsServedUnlessSomebodyIsAskedForTokens) {

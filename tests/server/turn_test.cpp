@@ -41,7 +41,7 @@ TEST_F(TurnTest, WhatFailsGivesItsTurnBack) {
     EXPECT_THROW(in_turn(services_, [](int) { throw std::runtime_error("no"); }),
                  std::runtime_error);
   }
-  EXPECT_EQ(services_.turns, 0);
+  EXPECT_EQ(services_.turns.taken, 0);
 }
 
 TEST_F(TurnTest, WhereManyWaitTheNextIsRefusedAtOnceAndTheyGetTheirTurns) {
@@ -49,7 +49,7 @@ TEST_F(TurnTest, WhereManyWaitTheNextIsRefusedAtOnceAndTheyGetTheirTurns) {
   std::atomic<int> served = 0;
   std::vector<std::thread> threads;
   threads.emplace_back([&] { in_turn(services_, [&](int) { over.wait(); }); });
-  while (services_.turns == 0) std::this_thread::yield();
+  while (services_.turns.taken == 0) std::this_thread::yield();
   for (int i = 0; i < 32; ++i) {
     threads.emplace_back([&] {
       in_turn(services_, [&](int helpers) {
@@ -58,7 +58,7 @@ TEST_F(TurnTest, WhereManyWaitTheNextIsRefusedAtOnceAndTheyGetTheirTurns) {
       });
     });
   }
-  while (services_.turns < 33) std::this_thread::yield();
+  while (services_.turns.taken < 33) std::this_thread::yield();
   cellmap::test::expect_error(ErrorCode::kUnavailable, [&] { in_turn(services_, [](int) {}); });
   over.count_down();
   for (auto& thread : threads) thread.join();

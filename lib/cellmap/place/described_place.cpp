@@ -16,7 +16,7 @@ using Steps = CompactSignature::Steps;
 using RigidRows = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 static_assert(std::endian::native == std::endian::little, "bytes of a description");
 static_assert(sizeof(Steps) == 2 * CompactSignature::kCoefficients + PlaceSignature::kSectors);
-constexpr std::size_t kDescriptionBytes = 1 + sizeof(Steps) + sizeof(RigidRows);
+static_assert(kDescribedPlaceBytes == 1 + sizeof(Steps) + sizeof(RigidRows));
 
 float inverse_or_zero(float value) { return value > 0 ? 1 / value : 0.0f; }
 
@@ -80,7 +80,7 @@ DescribedPlace describe_place(const PointCloud& points) {
 
 std::vector<std::byte> to_bytes(const DescribedPlace& place) {
   const RigidRows T = place.T_ground_cell.matrix().topRows<3>();
-  std::vector<std::byte> bytes(kDescriptionBytes);
+  std::vector<std::byte> bytes(kDescribedPlaceBytes);
   bytes[0] = kForm;
   std::memcpy(&bytes[1], &place.signature.steps(), sizeof(Steps));
   std::memcpy(&bytes[1 + sizeof(Steps)], T.data(), sizeof(RigidRows));
@@ -88,7 +88,7 @@ std::vector<std::byte> to_bytes(const DescribedPlace& place) {
 }
 
 std::optional<DescribedPlace> described_place_from_bytes(std::span<const std::byte> bytes) {
-  if (bytes.size() != kDescriptionBytes || bytes[0] != kForm) return std::nullopt;
+  if (bytes.size() != kDescribedPlaceBytes || bytes[0] != kForm) return std::nullopt;
   Steps steps;
   RigidRows rows;
   std::memcpy(&steps, &bytes[1], sizeof(Steps));

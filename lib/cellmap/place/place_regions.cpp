@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <span>
+
+#include "cellmap/core/checksum.hpp"
 
 namespace cellmap {
 namespace {
@@ -64,6 +67,11 @@ PlaceRegions PlaceRegions::within(const Eigen::Vector2d& centre, double radius_m
     near.regions_.push_back(std::move(some));
   }
   return near;
+}
+
+std::uint64_t checksum_of_cells(const PlaceRegions::Region& region) {
+  static_assert(sizeof(CellId) == sizeof(std::uint32_t), "ids lie side by side");
+  return checksum(std::as_bytes(std::span(region.ids)));
 }
 
 }  // namespace cellmap

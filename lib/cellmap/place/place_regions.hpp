@@ -50,4 +50,7 @@ class PlaceRegions {
   std::size_t cells_ = 0;
 };
 
+/// Names which CELLs lie in a region, so that others can tell whether they know it as it is.
+std::uint64_t checksum_of_cells(const PlaceRegions::Region& region);
+
 }  // namespace cellmap

@@ -133,12 +133,13 @@ std::vector<CellAround> cells_around(CellId own, const Pose& T_map_scan,
 
 /// The places most like the query, most alike first.
 std::vector<PlaceToTry> similar_places(const DescribedQuery& query, const PlaceRegions& considered,
-                                       const PlaceParts& parts, const PoseGraph& graph,
+                                       const PlaceSearcher& searcher, const PoseGraph& graph,
                                        const std::optional<PosePrior>& prior,
                                        const RelocaliseOptions& options) {
   // What a place is most alike at may not be what a prior allows.
-  const std::vector<AlikePlace> alike = most_alike(
-      query, considered, parts, prior ? options.shortlist : options.candidates, options.threads);
+  const std::vector<AlikePlace> alike =
+      most_alike(query.views(), considered, searcher,
+                 prior ? options.shortlist : options.candidates, options.threads);
   std::vector<PlaceToTry> places(alike.size());
   parallel_for(alike.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
     places[i] = place_at(alike[i], query, graph, prior, options);
@@ -154,7 +155,7 @@ std::vector<PlaceToTry> similar_places(const DescribedQuery& query, const PlaceR
 struct PlaceIndex::Impl {
   PlacePart whole;  // where there are no regions
   std::shared_ptr<const PlaceRegions> regions;
-  std::shared_ptr<const PlaceParts> parts;
+  std::shared_ptr<const PlaceSearcher> searcher;
 
   /// The CELLs with a pose and, where there is a prior, near enough to it. Never null.
   std::shared_ptr<const PlaceRegions> considered(const PoseGraph& graph,
@@ -176,19 +177,19 @@ struct PlaceIndex::Impl {
 
 PlaceIndex::PlaceIndex() : impl_(new Impl) {}
 PlaceIndex::PlaceIndex(std::shared_ptr<const PlaceRegions> regions,
-                       std::shared_ptr<const PlaceParts> parts)
-    : impl_(new Impl{{}, std::move(regions), std::move(parts)}) {}
+                       std::shared_ptr<const PlaceSearcher> searcher)
+    : impl_(new Impl{{}, std::move(regions), std::move(searcher)}) {}
 PlaceIndex::~PlaceIndex() = default;
 PlaceIndex::PlaceIndex(PlaceIndex&&) noexcept = default;
 PlaceIndex& PlaceIndex::operator=(PlaceIndex&&) noexcept = default;
 
 void PlaceIndex::add(CellId id, const Cell& cell, const Lattice& lattice) {
-  assert(!impl_->parts);
+  assert(!impl_->searcher);
   impl_->whole.put(id, describe_place(reconstruct_points(cell, lattice)));
 }
 
 void PlaceIndex::remove(CellId id) {
-  assert(!impl_->parts);
+  assert(!impl_->searcher);
   impl_->whole.remove(id);
 }
 
@@ -251,10 +252,10 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
   if (query.points.empty() || considered->cells() == 0) return answer;
 
   const DescribedQuery described(query.points);
-  const WholePart whole(impl_->whole);
-  const PlaceParts& parts = impl_->parts ? *impl_->parts : whole;
+  const PartsSearcher whole(std::make_shared<const WholePart>(impl_->whole));
+  const PlaceSearcher& searcher = impl_->searcher ? *impl_->searcher : whole;
   std::vector<PlaceToTry> places =
-      similar_places(described, *considered, parts, graph, query.prior, options);
+      similar_places(described, *considered, searcher, graph, query.prior, options);
   for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
   const auto around = [&](CellId own, const Pose& T_map_scan) {
     return cells_around(own, T_map_scan, *considered, graph, targets);

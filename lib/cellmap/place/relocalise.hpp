@@ -102,17 +102,18 @@ struct RelocalisationAnswer {
 };
 
 class PlaceRegions;
-class PlaceParts;
+class PlaceSearcher;
 
-/// Finds a scan in a map. Holds one descriptor a CELL (no scans, no planes), or asks for them by
-/// region. Not thread safe while changing; `relocalise` may run on many threads at once.
+/// Finds a scan in a map. Holds one descriptor a CELL (no scans, no planes), or has them searched
+/// by region. Not thread safe while changing; `relocalise` may run on many threads at once.
 class PlaceIndex {
  public:
   /// Holds the descriptors of the CELLs that are added.
   PlaceIndex();
-  /// Of the CELLs in `regions`, whose descriptors are in `parts`; `relocalise` is to be handed the
-  /// graph that the regions were made of. Nothing can be added or removed.
-  PlaceIndex(std::shared_ptr<const PlaceRegions> regions, std::shared_ptr<const PlaceParts> parts);
+  /// Of the CELLs in `regions`, among which `searcher` finds those most like a query; `relocalise`
+  /// is to be handed the graph that the regions were made of. Nothing can be added or removed.
+  PlaceIndex(std::shared_ptr<const PlaceRegions> regions,
+             std::shared_ptr<const PlaceSearcher> searcher);
   ~PlaceIndex();
   PlaceIndex(PlaceIndex&&) noexcept;
   PlaceIndex& operator=(PlaceIndex&&) noexcept;
