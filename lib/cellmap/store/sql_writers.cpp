@@ -40,7 +40,7 @@ SqlWriters::SqlWriters(std::unique_ptr<SqlConnection> first, SqlPool::Open open,
     : can_write_(first != nullptr),
       take_turns_(!open),
       known_(known),
-      connections_(open, take_turns_ ? 1 : max_connections, std::move(first)) {}
+      connections_(std::move(open), take_turns_ ? 1 : max_connections, std::move(first)) {}
 
 SqlWriters::Lane::Lane(SqlWriters& writers, Scope scope)
     : commits([this, &writers, scope](const Batch& batch) { writers.execute(*this, scope, batch); },
