@@ -175,8 +175,8 @@ Response get_cell(Services& services, CodedCells& coded_cells, const Call& call)
   const CellId id{call.path_id("cell")};
   const auto asked = call.query("hash");
   const auto remembered = asked ? services.store.remembered_cell(map, id, *asked) : std::nullopt;
-  const auto [revision, record] =
-      remembered ? remembered->cell : services.store.current_cell(map, id);
+  const auto [revision, record, known] =
+      remembered ? *remembered : services.store.current_cell(map, id);
   const CellTags tags{to_hex(record.hash)};
 
   // A CELL gets other content where its map is converted: for ever is only what a hash names.
@@ -200,8 +200,7 @@ Response get_cell(Services& services, CodedCells& coded_cells, const Call& call)
     response.status = 304;
     return response;
   }
-  const StoredCell stored =
-      remembered ? remembered->stored : services.store.stored_cell(map, record.id);
+  const StoredCell stored = known ? *known : services.store.stored_cell(map, record.id);
   // Converted between the two reads: what was said above is of another content.
   if (stored.hash != record.hash) return get_cell(services, coded_cells, call);
   say_bound(response, stored.form);

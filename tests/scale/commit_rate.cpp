@@ -1,6 +1,7 @@
 // How fast one robot's CELLs go into PostgreSQL, and how fast they are read: of invented CELLs
-// whose bytes are of a usual size. Usage: commit_rate ADDRESS MAP CELLS [--one-by-one]. Prints
-// JSON.
+// whose bytes are of a usual size. Usage: commit_rate ADDRESS MAP CELLS [--one-by-one]. Or how fast
+// those of several robots do, each with its own server, or all with one: commit_rate ADDRESS MAP
+// CELLS --robots COUNT [--one-map] [--one-server]. Prints JSON.
 
 #include <chrono>
 #include <iostream>
@@ -8,6 +9,8 @@
 #include <random>
 #include <string>
 #include <string_view>
+#include <thread>
+#include <vector>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/store/postgres_store.hpp"
@@ -79,15 +82,63 @@ void measure(Store& store, const std::string& map, std::uint32_t count) {
   store.delete_map(map);
 }
 
+struct Robots {
+  std::uint32_t count = 0;
+  bool one_map = false, one_server = false;
+};
+
+/// Each robot's CELLs are of its own numbers, one a commit; what is timed is the commits of all.
+void measure_robots(const std::string& address, const std::string& map, std::uint32_t cells,
+                    const Robots& robots) {
+  std::vector<std::unique_ptr<Store>> stores;
+  std::vector<std::vector<MapUpdate>> updates(robots.count);
+  const auto map_of = [&](std::uint32_t robot) {
+    return map + std::to_string(robots.one_map ? 0 : robot);
+  };
+  for (std::uint32_t robot = 0; robot < robots.count; ++robot) {
+    if (robot == 0 || !robots.one_server) stores.push_back(open_postgres_store(address));
+    if (robot == 0 || !robots.one_map) stores.front()->create_map(map_of(robot), {});
+    for (std::uint32_t i = 0; i < cells; ++i) {
+      MapUpdate& update = updates[robot].emplace_back();
+      update.cells.push_back(make_cell(map_of(robot), 1 + robot * cells + i));
+      if (i > 0) update.add_constraints.push_back(make_constraint(1 + robot * cells + i));
+    }
+  }
+  const auto drive = [&](std::uint32_t robot) {
+    Store& store = *stores[robots.one_server ? 0 : robot];
+    for (const MapUpdate& update : updates[robot]) store.commit(map_of(robot), update);
+  };
+  std::cout << "{\"commits\": " << per_second(robots.count * cells, [&] {
+    std::vector<std::jthread> driving;
+    for (std::uint32_t robot = 0; robot < robots.count; ++robot) driving.emplace_back(drive, robot);
+  }) << "}\n";
+  for (std::uint32_t robot = 0; robot < (robots.one_map ? 1 : robots.count); ++robot) {
+    stores.front()->delete_map(map_of(robot));
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   try {
     if (argc < 4) throw Error(ErrorCode::kInvalidArgument, "expected an address, a map, a count");
+    const auto cells = static_cast<std::uint32_t>(std::stoul(argv[3]));
     PostgresStoreOptions options;
-    options.one_by_one = argc > 4 && std::string_view(argv[4]) == "--one-by-one";
-    const auto store = open_postgres_store(argv[1], options);
-    measure(*store, argv[2], static_cast<std::uint32_t>(std::stoul(argv[3])));
+    Robots robots;
+    for (int i = 4; i < argc; ++i) {
+      const std::string_view option(argv[i]);
+      options.one_by_one |= option == "--one-by-one";
+      robots.one_map |= option == "--one-map";
+      robots.one_server |= option == "--one-server";
+      if (option == "--robots" && i + 1 < argc) {
+        robots.count = static_cast<std::uint32_t>(std::stoul(argv[++i]));
+      }
+    }
+    if (robots.count > 0) {
+      measure_robots(argv[1], argv[2], cells, robots);
+    } else {
+      measure(*open_postgres_store(argv[1], options), argv[2], cells);
+    }
     return 0;
   } catch (const std::exception& error) {
     std::cerr << error.what() << "\n";

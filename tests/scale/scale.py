@@ -9,6 +9,7 @@ two-workers     two drives by two workers against one: faster, and the same byte
 one-drive       one drive by two workers against one: the same bytes, and less to do for each
 slow-database   50 ms to the database, then nothing passes: right or refused in time, and all goes on afterwards
 far-database    1 and 5 ms to the database: what sending statements together gains
+many-maps       1 to 8 robots that commit to as many maps, against all to one map: they do not wait for each other
 object-store    the bytes of CELLs in an object store that hangs: refused in time, nothing lost, all goes on
 partition       one of two servers is cut off from the database: it refuses, the other goes on, nothing is lost
 full-disk       the database's disk fills up: writes are refused, reads go on, nothing is lost
@@ -42,6 +43,7 @@ ROWS = {
     "one-drive": ("postgres", "taskset"),
     "slow-database": ("postgres",),
     "far-database": ("postgres",),
+    "many-maps": ("postgres",),
     "object-store": ("postgres", "npm"),
     "partition": ("postgres", "ip", "root"),
     "full-disk": ("postgres", "root"),

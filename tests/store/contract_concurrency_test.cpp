@@ -3,6 +3,7 @@
 #include <mutex>
 #include <thread>
 
+#include "store/shared_contents.hpp"
 #include "store/store_contract.hpp"
 #include "support/expect_error.hpp"
 
@@ -111,6 +112,10 @@ TEST_P(StoreContract, ReadersSeeOneRevisionWhileWritersWrite) {
     } while (!done);
   });
   writer.join();
+}
+
+TEST_P(StoreContract, MapsThatTakeAndLeaveTheSameContentsAtRandomLoseNone) {
+  race_for_contents({store_.get(), store_.get(), store_.get(), store_.get()}, 12);
 }
 
 TEST_P(StoreContract, AMapThatIsDeletedWhileOthersWriteToItIsNotFoundByThem) {

@@ -75,8 +75,8 @@ TEST_F(PostgresStoreTest, WhatAHashNamesIsRememberedAndWhatItDoesNotNameIsRead) 
   open()->commit("town", moving({{CellId{1}, pose_at(3, 0)}}));
   const auto remembered = store->remembered_cell("town", {1}, hash);
   if (!remembered) GTEST_SKIP() << "a minute ended between two lines of this test";
-  EXPECT_EQ(*remembered->stored.frame, *read.frame);
-  EXPECT_EQ(remembered->cell.revision, current.revision);
+  EXPECT_EQ(*remembered->stored->frame, *read.frame);
+  EXPECT_EQ(remembered->revision, current.revision);
   EXPECT_FALSE(store->remembered_cell("town", {1}, to_hex(make_cell(2).encoded.hash)));
   EXPECT_FALSE(store->remembered_cell("town", {2}, hash));
   EXPECT_FALSE(store->remembered_cell("other", {1}, hash));

@@ -1,14 +1,10 @@
 #include "cellmap/cell/plane_rules.hpp"
 
 #include <cmath>
-#include <numbers>
+
+#include "cellmap/geometry/angle.hpp"
 
 namespace cellmap {
-namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180;
-
-}  // namespace
 
 void CellPart::append(const CellPart& other) {
   indices.insert(indices.end(), other.indices.begin(), other.indices.end());

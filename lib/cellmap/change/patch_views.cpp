@@ -5,10 +5,11 @@
 #include <numbers>
 #include <span>
 
+#include "cellmap/geometry/angle.hpp"
+
 namespace cellmap {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 /// The patch in a direction and the six around it.
 constexpr std::size_t kDirections = 7;
 /// From the middle of a patch to that of its neighbours, in mean radii of patches: discs in a

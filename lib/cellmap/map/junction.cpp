@@ -1,16 +1,14 @@
 #include "cellmap/map/junction.hpp"
 
 #include <algorithm>
-#include <numbers>
 
 #include "cellmap/cell/cell.hpp"
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/paths.hpp"
 
 namespace cellmap {
 namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
 /// The CELLs nearest to `query` along the constraints, nearest first.
 std::vector<std::pair<double, CellId>> nearest_along(const PoseGraph& graph, CellId query,

@@ -2,16 +2,14 @@
 
 #include <algorithm>
 #include <iterator>
-#include <numbers>
 
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/map/junction.hpp"
 #include "cellmap/place/pose_search.hpp"
 #include "cellmap/pose_graph/frames.hpp"
 
 namespace cellmap {
 namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
 PoseSigma odometry_sigma(const OdometryModel& model, double distance_m) {
   return {std::max(model.least_sigma_m, model.sigma_m_per_m * distance_m),

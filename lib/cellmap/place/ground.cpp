@@ -7,10 +7,11 @@
 #include <numbers>
 #include <vector>
 
+#include "cellmap/geometry/angle.hpp"
+
 namespace cellmap {
 namespace {
 
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 /// Of so many points nine planes are fitted, and of more the best of them.
 constexpr std::size_t kFewPoints = 300, kMostGroundPoints = 1'500;
 constexpr double kNearestM = 3.0, kFarthestM = 25.0;

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <iterator>
 #include <map>
-#include <numbers>
 #include <queue>
 #include <span>
 #include <string>
 
 #include "cellmap/core/error.hpp"
 #include "cellmap/core/parallel.hpp"
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "cellmap/pose_graph/frames.hpp"
 #include "cellmap/pose_graph/information.hpp"
@@ -19,7 +19,6 @@
 namespace cellmap {
 namespace {
 
-constexpr double kRadiansPerDegree = std::numbers::pi / 180.0;
 /// A guess is this uncertain however short the path.
 constexpr double kLeastShiftM = 2.0, kLeastTurnDeg = 5.0;
 /// What a registration reaches from one start on a wide gate.
@@ -49,7 +48,7 @@ struct Allowance {
 
   Allowance(double path_m, const LoopOptions& options)
       : shift_m(kLeastShiftM + options.drift_m_per_m * path_m),
-        turn_rad(kRadiansPerDegree * (kLeastTurnDeg + options.drift_deg_per_m * path_m)) {}
+        turn_rad(kRadPerDeg * (kLeastTurnDeg + options.drift_deg_per_m * path_m)) {}
 
   bool allows(const Pose& guess, const Pose& found) const {
     return (guess.translation() - found.translation()).norm() <= shift_m &&
@@ -75,11 +74,11 @@ std::vector<Pose> starting_poses(const RegistrationTarget& candidate, const Loop
   std::vector<Pose> starts = {T};
   if (options.drift_m_per_m * guess.path_m < 1.0) return starts;
   for (const double turn_deg : {-5.0, 5.0}) {
-    starts.push_back(T * upright_pose(0, 0, turn_deg * kRadiansPerDegree));
+    starts.push_back(T * upright_pose(0, 0, turn_deg * kRadPerDeg));
   }
   Allowance allowance(guess.path_m, options);
   allowance.shift_m += kReachM;
-  allowance.turn_rad += 6 * kRadiansPerDegree;
+  allowance.turn_rad += 6 * kRadPerDeg;
   const PolarImage image(reconstruct_points(candidate.cell(), candidate.lattice()));
   for (const Alignment& alignment : query.images.align(image, 4 * options.seeds)) {
     if (starts.size() >= options.seeds + 3) break;
@@ -102,7 +101,7 @@ bool reverse_agrees(const RegistrationTarget& candidate, const RegistrationTarge
   const Pose difference = T_candidate_query * reverse.T_target_source;
   return reverse.converged && difference.translation().norm() <= options.max_reverse_difference_m &&
          angle_between_rad(Pose::Identity(), difference) <=
-             options.max_reverse_difference_deg * kRadiansPerDegree;
+             options.max_reverse_difference_deg * kRadPerDeg;
 }
 
 bool is_believed(const RegistrationTarget& candidate, const LoopQuery& query,

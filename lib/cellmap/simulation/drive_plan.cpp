@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/simulation/random.hpp"
 #include "cellmap/simulation/town.hpp"
 
@@ -43,7 +44,6 @@ std::vector<double> arcs_of(const Route& drive, const Route& route, const Centre
 
 /// The sensor as it is mounted, for each scan anew where it leans.
 void turn_sensor(const SimulatorOptions& options, Route& drive) {
-  constexpr double kRadPerDeg = std::numbers::pi / 180.0;
   const std::uint64_t seed = sub_seed(options.seed, kLeanSeed);
   for (std::size_t i = 0; i < drive.size(); ++i) {
     Random random(sub_seed(sub_seed(seed, options.traffic_seed), i));

@@ -1,14 +1,12 @@
 #include "cellmap/simulation/odometry_model.hpp"
 
 #include <cmath>
-#include <numbers>
 
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/simulation/random.hpp"
 
 namespace cellmap::simulation {
 namespace {
-
-constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 
 /// A slowly varying value with the given standard deviation: first-order Gauss-Markov over
 /// distance.

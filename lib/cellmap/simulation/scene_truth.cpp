@@ -4,9 +4,9 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <utility>
 
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/simulation/drive_plan.hpp"
 #include "cellmap/simulation/ray_caster.hpp"
 #include "cellmap/simulation/town_tiles.hpp"
@@ -118,7 +118,6 @@ struct SceneTruth::Impl {
   }
 
   bool in_field_of_view(const Point& direction) const {
-    constexpr double kDegPerRad = 180 / std::numbers::pi;
     const LidarModel& lidar = plan.options.lidar;
     const double elevation = std::asin(direction.z()) * kDegPerRad;
     return elevation <= lidar.top_elevation_deg && elevation >= lidar.bottom_elevation_deg;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/simulation/drive_plan.hpp"
 #include "cellmap/simulation/odometry_model.hpp"
 #include "cellmap/simulation/random.hpp"
@@ -23,12 +24,12 @@ using namespace simulation;
 /// Ray directions in the sensor frame, beam by beam from the top, each beam counter-clockwise from
 /// straight ahead.
 std::vector<Eigen::Vector3f> ray_directions(const LidarModel& lidar) {
-  constexpr double rad = std::numbers::pi / 180.0;
   std::vector<Eigen::Vector3f> directions;
   for (int beam = 0; beam < lidar.beams; ++beam) {
     const double share = lidar.beams > 1 ? static_cast<double>(beam) / (lidar.beams - 1) : 0.0;
-    const double elevation = rad * (lidar.top_elevation_deg +
-                                    share * (lidar.bottom_elevation_deg - lidar.top_elevation_deg));
+    const double elevation =
+        kRadPerDeg *
+        (lidar.top_elevation_deg + share * (lidar.bottom_elevation_deg - lidar.top_elevation_deg));
     for (int column = 0; column < lidar.columns; ++column) {
       const double azimuth = 2 * std::numbers::pi * column / lidar.columns;
       directions.push_back(Eigen::Vector3d(std::cos(elevation) * std::cos(azimuth),

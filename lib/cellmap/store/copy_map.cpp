@@ -1,13 +1,16 @@
 #include "cellmap/store/copy_map.hpp"
 
+#include <map>
+#include <optional>
+#include <set>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_contents.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/sql_store.hpp"
-#include "cellmap/store/update_context.hpp"
 
 namespace cellmap {
 namespace {
@@ -106,35 +109,89 @@ std::string list(const std::vector<Column>& columns, const char* before, const c
   return text;
 }
 
+using Row = std::vector<SqlValue>;
+
+/// The contents of some CELLs on their way.
+class Contents {
+ public:
+  /// Reads the frames of those that the target has not, and puts them where they are objects there.
+  Contents(SqlConnection& source, const Blobs& blobs, const SqlStore& target,
+           const std::vector<Row>& cells)
+      : source_(source), blobs_(blobs), to_(target.blobs()) {
+    for (const Row& cell : cells) hashes_.insert(hash_from(std::get<Bytes>(cell.front())));
+    std::map<ContentHash, std::uint64_t> there;
+    target.read_tables([&](SqlConnection& c) { there = find_contents(c, hashes_); });
+    load(there);
+  }
+
+  /// As rows of the target, which this transaction may name.
+  void hold(SqlConnection& target) {
+    const auto there = find_contents(target, hashes_);
+    load(there);  // what went meanwhile
+    std::map<ContentHash, NewContent> needed;
+    for (const ContentHash& hash : hashes_) {
+      const auto frame = frames_.find(hash);
+      if (frame == frames_.end()) {
+        needed[hash] = {};
+      } else {
+        needed[hash] = {frame->second.encoded_bytes, frame->second.bytes.get(), to_.are_objects()};
+      }
+    }
+    hold_contents(target, needed, there, {});
+  }
+
+ private:
+  struct Frame {
+    std::uint64_t encoded_bytes = 0;
+    std::shared_ptr<const Bytes> bytes;
+  };
+
+  void load(const std::map<ContentHash, std::uint64_t>& there) {
+    std::vector<const Bytes*> to_put;
+    for (const ContentHash& hash : hashes_) {
+      if (there.contains(hash) || frames_.contains(hash)) continue;
+      const auto known = find_contents(source_, {hash});
+      Frame& frame = frames_[hash];
+      if (!known.empty()) frame.encoded_bytes = known.begin()->second;
+      frame.bytes = blobs_.frame_of(hash, read_blob_row(source_, hash));
+      to_put.push_back(frame.bytes.get());
+    }
+    to_.put(to_put);
+  }
+
+  SqlConnection& source_;
+  const Blobs &blobs_, &to_;
+  std::set<ContentHash> hashes_;
+  std::map<ContentHash, Frame> frames_;
+};
+
 /// One map on its way.
 class Copy {
  public:
   Copy(SqlConnection& source, const Blobs& blobs, std::int64_t from_key, const SqlStore& target,
-       std::int64_t to_key, const std::stop_token& stop)
+       std::string to, const std::stop_token& stop)
       : source_(source),
         blobs_(blobs),
         from_key_(from_key),
         target_(target),
-        to_key_(to_key),
+        to_(std::move(to)),
         stop_(stop) {}
 
   /// `each(rows written)` after every transaction.
   void rows(const Table& table, const std::function<void(std::uint64_t)>& each) {
     const bool is_cells = std::string_view(table.name) == "cell";
-    // Others wait for a transaction to end, and objects are put in it.
-    const std::size_t at_once = !is_cells ? 2000 : target_.blobs().are_objects() ? 8 : 32;
     Query row(source_,
               "SELECT " + list(table.columns, "", "") + " FROM " + table.name + " WHERE map = ?",
               from_key_);
     std::uint64_t done = 0;
     for (bool more = row.next(); more; each(done)) {
       if (stop_.stop_requested()) throw Error(ErrorCode::kCancelled, "the copy was cancelled");
-      target_.change_tables([&](SqlConnection& target) {
-        for (std::size_t i = 0; more && i < at_once; ++i, ++done, more = row.next()) {
-          if (is_cells) blob(target, {row.bytes(0).begin(), row.bytes(0).end()});
-          insert(target, table, row);
-        }
-      });
+      std::vector<Row> some;
+      for (; more && some.size() < (is_cells ? 32 : 2000); more = row.next()) {
+        some.push_back(values(row, table.columns));
+      }
+      insert(table, some, is_cells);
+      done += some.size();
     }
   }
 
@@ -142,59 +199,51 @@ class Copy {
     const std::vector<Column> columns = map_columns();
     Query row(source_, "SELECT " + list(columns, "", "") + " FROM map WHERE id = ?", from_key_);
     row.next();
-    target_.change_tables([&](SqlConnection& target) {
+    const Row from = values(row, columns);
+    target_.change_map(to_, [&](SqlConnection& target, const MapRow& to) {
       Query update(target, "UPDATE map SET " + list(columns, "", " = ?") + " WHERE id = ?");
-      bind(update, columns, row);
-      update.bind(to_key_);
+      bind(update, columns, from);
+      update.bind(to.key);
       update.run();
     });
   }
 
  private:
-  static void bind(Query& query, const std::vector<Column>& columns, const Query& row) {
+  static Row values(const Query& row, const std::vector<Column>& columns) {
+    Row all;
     for (std::size_t i = 0; i < columns.size(); ++i) {
-      query.bind_column(row, static_cast<int>(i), columns[i].type);
+      all.push_back(row.value(static_cast<int>(i), columns[i].type));
     }
+    return all;
   }
 
-  void insert(SqlConnection& target, const Table& table, const Query& row) {
-    std::string values = "?";
-    for (std::size_t i = 0; i < table.columns.size(); ++i) values += ", ?";
-    Query insert(target, std::string("INSERT INTO ") + table.name + " (map, " +
-                             list(table.columns, "", "") + ") VALUES (" + values + ")");
-    insert.bind(to_key_);
-    bind(insert, table.columns, row);
-    insert.run();
+  static void bind(Query& query, const std::vector<Column>& columns, const Row& row) {
+    for (std::size_t i = 0; i < columns.size(); ++i) query.bind(row[i], columns[i].type);
   }
 
-  void blob(SqlConnection& target, const Bytes& hash) {
-    {
-      Query there(target, "SELECT 1 FROM blob WHERE hash = ?", hash);
-      if (there.next()) return;
-    }
-    std::uint64_t encoded_bytes = 0;
-    {
-      Query row(source_, "SELECT encoded_bytes FROM blob WHERE hash = ?", hash);
-      if (row.next()) encoded_bytes = row.unsigned64(0);
-    }
-    const ContentHash content = hash_from(hash);
-    const BlobRow row = read_blob_row(source_, content);
-    const auto frame = blobs_.frame_of(content, row);
-    const Blobs& to = target_.blobs();
-    to.put({frame.get()});
-    Query insert(target,
-                 "INSERT INTO blob (hash, encoded_bytes, checksum, frame, frame_bytes) "
-                 "VALUES (?, ?, ?, ?, ?)",
-                 hash, encoded_bytes, to_bytes(row.checksum), to.are_objects() ? Bytes() : *frame,
-                 to.are_objects() ? std::optional<std::uint64_t>(frame->size()) : std::nullopt);
-    insert.run();
+  void insert(const Table& table, const std::vector<Row>& some, bool is_cells) {
+    std::string sql = std::string("INSERT INTO ") + table.name + " (map, " +
+                      list(table.columns, "", "") + ") VALUES (?";
+    for (std::size_t i = 0; i < table.columns.size(); ++i) sql += ", ?";
+    sql += ")";
+    std::optional<Contents> contents;  // before the transaction, which others may wait for
+    if (is_cells) contents.emplace(source_, blobs_, target_, some);
+    target_.change_map(to_, [&](SqlConnection& target, const MapRow& to) {
+      if (contents) contents->hold(target);
+      for (const Row& row : some) {
+        Query insert(target, sql);
+        insert.bind(to.key);
+        bind(insert, table.columns, row);
+        insert.run();
+      }
+    });
   }
 
   SqlConnection& source_;
   const Blobs& blobs_;
   const std::int64_t from_key_;
   const SqlStore& target_;
-  const std::int64_t to_key_;
+  const std::string to_;  ///< name of the staged map
   const std::stop_token& stop_;
 };
 
@@ -209,10 +258,10 @@ std::vector<std::pair<std::uint32_t, ContentHash>> contents(SqlConnection& conne
 
 /// Every CELL of the source is in the copy and its bytes, read back, have the source's checksum.
 void compare(SqlConnection& source, std::int64_t from_key, const SqlStore& to,
-             std::int64_t to_key) {
+             const std::string& copy) {
   const auto expected = contents(source, from_key);
   to.read_tables([&](SqlConnection& target) {
-    if (contents(target, to_key) != expected) {
+    if (contents(target, read_map_row(target, copy).key) != expected) {
       throw Error(ErrorCode::kCorruptData, "the copy has other CELLs than its source");
     }
     for (const auto& [id, hash] : expected) to.blobs().frame_of(hash, read_blob_row(target, hash));
@@ -230,16 +279,14 @@ CopiedMap copy_map(const Store& from, Store& to, const std::string& map,
   source.read_tables([&](SqlConnection& connection) {
     const MapRow row = read_map_row(connection, map);
     StagedMap staged(to, row.info.lattice, map);
-    std::int64_t to_key = 0;
-    target.read_tables([&](SqlConnection& c) { to_key = read_map_row(c, staged.name()).key; });
-    Copy copy(connection, source.blobs(), row.key, target, to_key, stop);
+    Copy copy(connection, source.blobs(), row.key, target, staged.name(), stop);
     for (const Table& table : tables()) {
       copy.rows(table, [&](std::uint64_t done) {
         if (progress && std::string_view(table.name) == "cell") progress(done, row.info.cells);
       });
     }
     copy.map_row();
-    compare(connection, row.key, target, to_key);
+    compare(connection, row.key, target, staged.name());
     staged.publish();
     copied = {row.info.cells, row.info.stored_bytes};
   });

@@ -15,12 +15,7 @@
 
 namespace cellmap {
 
-/// What the rows of a CELL and its map say, in one state of the store.
-struct KnownCell {
-  Revision revision = 0;  ///< of the map
-  CellRecord record;
-  KeptRow kept;
-};
+using KnownCell = CellOfMap;  ///< in one state of the store
 
 /// The rows that were read last in one state of the store: the next state forgets all of them.
 /// Where one process writes, each of its changes makes a state (`Change`), and an entry is never

@@ -25,6 +25,8 @@ constexpr std::size_t kMostUnanswered = 256, kMostUnansweredBytes = 4u << 20;
 constexpr std::size_t kAskedAtOnce = 256;
 
 constexpr const char* kBeginRead = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+// A statement sees what was committed while it waited for a row.
+constexpr const char* kBeginWrite = "BEGIN ISOLATION LEVEL READ COMMITTED";
 // A writer that is cut off from the database must not hold up the others for ever.
 constexpr const char* kNotIdleForLong = "SET LOCAL idle_in_transaction_session_timeout = '10s'";
 
@@ -311,16 +313,22 @@ void PostgresConnection::ask(const std::vector<Question>& questions) {
 
 void PostgresConnection::begin_read() { begin({kBeginRead}); }
 
-/// As SQLite: one transaction that writes at a time, whichever server it comes from; it does not
-/// wait for readers, nor they for it.
+/// As SQLite: nobody else writes, whichever server it comes from. No writer waits for readers, nor
+/// they for it.
 void PostgresConnection::begin_write() {
-  begin({"BEGIN", kNotIdleForLong, "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE"});
+  begin({kBeginWrite, kNotIdleForLong, "LOCK TABLE map IN SHARE ROW EXCLUSIVE MODE"});
 }
 
-void PostgresConnection::begin_row_write() { begin({"BEGIN", kNotIdleForLong}); }
+/// The mode that the table's changes take anyway: taken first, so that whoever waits for the other
+/// mode waits before this transaction has anything, or after it has ended.
+void PostgresConnection::begin_map_write() {
+  begin({kBeginWrite, kNotIdleForLong, "LOCK TABLE map IN ROW EXCLUSIVE MODE"});
+}
+
+void PostgresConnection::begin_row_write() { begin({kBeginWrite, kNotIdleForLong}); }
 
 void PostgresConnection::begin_passing_write() {
-  begin({"BEGIN", kNotIdleForLong, "SET LOCAL synchronous_commit = off"});
+  begin({kBeginWrite, kNotIdleForLong, "SET LOCAL synchronous_commit = off"});
 }
 
 bool PostgresConnection::in_transaction() const {

@@ -38,6 +38,7 @@ class PostgresConnection final : public SqlConnection {
   void execute(const char* sql) override;
   void begin_read() override;
   void begin_write() override;
+  void begin_map_write() override;
   void begin_row_write() override;
   void begin_passing_write() override;
   void settle() override;
@@ -45,6 +46,7 @@ class PostgresConnection final : public SqlConnection {
 
   std::string lock_rows() const override { return " FOR UPDATE"; }
   std::string lock_free_rows() const override { return " FOR UPDATE SKIP LOCKED"; }
+  std::string keep_rows() const override { return " FOR KEY SHARE"; }
   std::string now_ns() const override;
 
  private:

@@ -3,6 +3,7 @@
 #include <string_view>
 
 #include "cellmap/core/error.hpp"
+#include "cellmap/store/sql_connection.hpp"
 
 namespace cellmap {
 
@@ -19,6 +20,9 @@ void throw_postgres_error(const std::string& state, const std::string& message) 
   if (state == "53100") {
     throw Error(ErrorCode::kDiskFull,
                 "store: the database's disk is full and nothing was changed; free space" + detail);
+  }
+  if (state == "40001" || state == "40P01") {
+    throw TakenBack("store: the database is busy; try again" + detail);
   }
   if (state.empty() || is_of("08") || is_of("53") || is_of("57") || is_of("40") ||
       state == "55P03" || state == "25006") {

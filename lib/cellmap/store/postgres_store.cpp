@@ -37,8 +37,9 @@ class PostgresStore final : public SqlStore {
 }  // namespace
 
 void PostgresStoreOptions::validate() const {
-  if (max_readers < 1) {
-    throw Error(ErrorCode::kInvalidArgument, "store options: expected at least one reader");
+  if (max_readers < 1 || max_writers < 1) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "store options: expected at least one reader and one writer");
   }
   if (objects) objects->validate();
 }
@@ -57,6 +58,8 @@ std::unique_ptr<Store> open_postgres_store(const std::string& address,
                                                    .open_reader = connect,
                                                    .max_readers = options.max_readers,
                                                    .writer = std::move(writer),
+                                                   .open_writer = connect,
+                                                   .max_writers = options.max_writers,
                                                    .claimer = connect(),
                                                    .cache_bytes = options.cache_bytes,
                                                    .objects = options.objects,

@@ -12,12 +12,13 @@ namespace cellmap {
 struct PostgresStoreOptions {
   std::size_t cache_bytes = 64u << 20;  ///< LRU of hot CELL blobs, zstd frames
   std::size_t max_readers = 16;         ///< connections; a further reader waits for a free one
+  std::size_t max_writers = 8;          ///< as many maps are written at the same time from here
   /// Where the bytes of CELLs to come go; nullopt: into the database. What is there already is read
   /// wherever it is.
   std::optional<ObjectStoreOptions> objects{};
   bool one_by_one = false;  ///< no pipelining: to measure what that brings
 
-  /// Throws Error{kInvalidArgument}: no readers, no such object store.
+  /// Throws Error{kInvalidArgument}: no readers or writers, no such object store.
   void validate() const;
 };
 

@@ -13,12 +13,13 @@
 namespace cellmap {
 namespace {
 
+/// As `cell_from_row` reads them.
+constexpr const char* kCellColumns =
+    "cell.id, COALESCE(identity, hash), session, sequence, cell.planes, cell.encoded_bytes, "
+    "CASE WHEN added > replaced THEN added ELSE replaced END, moved, x, y, z, rotation";
+
 std::string select_cell(const char* condition) {
-  return std::string(
-             "SELECT id, COALESCE(identity, hash), session, sequence, planes, encoded_bytes, "
-             "CASE WHEN added > replaced THEN added ELSE replaced END, moved, x, y, z, rotation "
-             "FROM cell ") +
-         condition;
+  return std::string("SELECT ") + kCellColumns + " FROM cell " + condition;
 }
 
 CellRecord cell_from_row(const Query& row) {
@@ -305,24 +306,19 @@ std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& ma
   return cells;
 }
 
-std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id) {
-  std::optional<KeptRow> kept;
-  Questions question;
-  ask_kept(question, map, id, [&](const KeptRow& row) { kept = row; });
-  question.ask(connection);
-  return kept;
-}
-
-void ask_kept(Questions& questions, std::int64_t map, CellId id,
-              std::function<void(const KeptRow&)> found) {
-  questions.add(
-      "SELECT hash, COALESCE(identity, hash), encoding, bound_um FROM cell "
-      "WHERE map = ? AND id = ?",
-      [found = std::move(found)](Query& row) {
-        if (!row.next()) return;
-        found({hash_from(row.bytes(0)), hash_from(row.bytes(1)), form_from_row(row, 2)});
-      },
-      map, id.value);
+CellOfMap read_cell_of_map(SqlConnection& connection, const std::string& map, CellId id) {
+  Query row(connection,
+            std::string("SELECT ") + kCellColumns +
+                ", hash, cell.encoding, cell.bound_um, map.revision FROM map LEFT JOIN cell ON "
+                "cell.map = map.id AND cell.id = ? WHERE map.name = ?",
+            id.value, map);
+  if (!row.next()) throw no_map(map);
+  if (row.is_null(0)) {
+    throw Error(ErrorCode::kNotFound, "map " + map + " has no CELL " + std::to_string(id.value));
+  }
+  const CellRecord record = cell_from_row(row);
+  return {
+      row.unsigned64(15), record, {hash_from(row.bytes(12)), record.hash, form_from_row(row, 13)}};
 }
 
 std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,
@@ -353,25 +349,6 @@ std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                          scans_from_bytes(rows.bytes(2)), rows.unsigned64(3), rows.unsigned64(4)});
   }
   return stretches;
-}
-
-std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
-                                 const std::optional<std::string>& session) {
-  std::vector<Bytes> contents;
-  Query rows(connection,
-             "SELECT DISTINCT hash FROM cell WHERE map = ? AND session = COALESCE(?, session)", map,
-             session);
-  while (rows.next()) contents.emplace_back(rows.bytes(0).begin(), rows.bytes(0).end());
-  return contents;
-}
-
-void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents) {
-  for (const Bytes& content : contents) {
-    Query(connection,
-          "DELETE FROM blob WHERE hash = ? AND NOT EXISTS (SELECT 1 FROM cell WHERE hash = ?)",
-          content, content)
-        .run();
-  }
 }
 
 }  // namespace cellmap

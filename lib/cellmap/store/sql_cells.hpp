@@ -25,10 +25,14 @@ struct KeptRow {
   ContentHash hash;     ///< of the CELL
   CellForm form;
 };
-std::optional<KeptRow> find_kept(SqlConnection& connection, std::int64_t map, CellId id);
-/// As a question; `found` is called where there is such a CELL.
-void ask_kept(Questions& questions, std::int64_t map, CellId id,
-              std::function<void(const KeptRow&)> found);
+/// What the rows of a CELL and its map say.
+struct CellOfMap {
+  Revision revision = 0;  ///< of the map
+  CellRecord record;
+  KeptRow kept;
+};
+/// In one statement, for who is far away. Error{kNotFound} where there is no such map or CELL.
+CellOfMap read_cell_of_map(SqlConnection& connection, const std::string& map, CellId id);
 /// Of a map, or one session of it.
 std::vector<CellKeeping> read_keeping(SqlConnection& connection, std::int64_t map,
                                       const std::optional<std::string>& session);
@@ -55,11 +59,5 @@ std::vector<CellRecord> read_nearest(SqlConnection& connection, const MapRow& ma
 
 std::vector<CellScans> read_scans(SqlConnection& connection, std::int64_t map,
                                   const std::string& session);
-
-/// Hashes of the blobs of a map's CELLs, or of one session's.
-std::vector<Bytes> kept_contents(SqlConnection& connection, std::int64_t map,
-                                 const std::optional<std::string>& session);
-/// Deletes those of the blobs that no CELL has.
-void delete_unused_blobs(SqlConnection& connection, const std::vector<Bytes>& contents);
 
 }  // namespace cellmap

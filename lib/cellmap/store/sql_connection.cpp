@@ -49,20 +49,35 @@ Query::Query(SqlConnection& connection, std::string_view sql)
 
 Query::~Query() { statement_.release(); }
 
-void Query::bind_column(const Query& row, int column, SqlType type) {
-  if (row.is_null(column)) return statement_.bind_null(type);
+void Query::bind(const SqlValue& value, SqlType type) {
+  switch (value.index()) {
+    case 1:
+      return statement_.bind(std::get<std::int64_t>(value));
+    case 2:
+      return statement_.bind(std::get<double>(value));
+    case 3:
+      return statement_.bind(std::get<std::string>(value));
+    case 4:
+      return statement_.bind(std::get<Bytes>(value));
+    default:
+      return statement_.bind_null(type);
+  }
+}
+
+SqlValue Query::value(int column, SqlType type) const {
+  if (is_null(column)) return {};
   switch (type) {
     case SqlType::kInteger:
-      return statement_.bind(row.integer(column));
+      return integer(column);
     case SqlType::kReal:
-      return statement_.bind(row.real(column));
+      return real(column);
     case SqlType::kText:
-      return statement_.bind(row.text(column));
-    case SqlType::kBytes: {
-      const auto bytes = row.bytes(column);
-      return statement_.bind(Bytes(bytes.begin(), bytes.end()));
-    }
+      return text(column);
+    case SqlType::kBytes:
+      break;
   }
+  const auto content = bytes(column);
+  return Bytes(content.begin(), content.end());
 }
 
 bool Query::next() { return statement_.step(); }

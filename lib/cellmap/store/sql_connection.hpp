@@ -8,6 +8,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 #include "cellmap/codec/cell_codec.hpp"
@@ -16,6 +17,16 @@
 namespace cellmap {
 
 enum class SqlType { kInteger, kReal, kText, kBytes };
+
+/// A value of a row that outlives it.
+using SqlValue = std::variant<std::monostate, std::int64_t, double, std::string, Bytes>;
+
+/// A transaction changed nothing because of another one that was under way at the same time; the
+/// same transaction may be carried out again at once.
+class TakenBack : public Error {
+ public:
+  explicit TakenBack(const std::string& message) : Error(ErrorCode::kUnavailable, message) {}
+};
 
 /// A prepared statement of an engine; used through `Query`.
 class SqlStatement {
@@ -63,7 +74,21 @@ struct Question {
 /// both understand.
 ///
 /// Every member throws cellmap::Error: damaged bytes kCorruptData, a full or failing disk kIo, a
-/// busy or unreachable database kUnavailable.
+/// busy or unreachable database kUnavailable, `TakenBack` where it suffices to begin anew.
+///
+/// Where several processes write, transactions wait for each other in this order and no other, so
+/// that none waits in a circle:
+///
+///  1. the table of maps: alone (`begin_write`) or with others that write to one map
+///     (`begin_map_write`), from the beginning on;
+///  2. the row of the one map that is written to (`lock_map_row`);
+///  3. the row of the job that is written for (`require_claim`); who writes to jobs only
+///     (`begin_row_write`) begins here;
+///  4. contents of CELLs, which maps share, by their hashes (store/sql_contents.hpp).
+///
+/// What shares a transaction because it came at the same time (store/sql_writers.hpp) takes 3 and 4
+/// again for each change; who waits in a circle then is taken back, and each change is carried out
+/// by itself.
 class SqlConnection {
  public:
   virtual ~SqlConnection() = default;
@@ -75,6 +100,9 @@ class SqlConnection {
   /// Begins a transaction that excludes all others that write, in this process and elsewhere: from
   /// its first answer on, or `settle`.
   virtual void begin_write() = 0;
+  /// Begins a transaction that writes to one map, whose row it locks before all else
+  /// (`lock_map_row`): where the engine can, it waits for nobody who writes to another one.
+  virtual void begin_map_write() { begin_write(); }
   /// Begins a transaction that writes rows which it locks one by one, and nothing else: where the
   /// engine can, it waits for no other transaction but one that holds such a row.
   virtual void begin_row_write() { begin_write(); }
@@ -90,6 +118,8 @@ class SqlConnection {
   // transaction ends; with the second one, rows that somebody else has locked are left out.
   virtual std::string lock_rows() const { return ""; }
   virtual std::string lock_free_rows() const { return ""; }
+  /// Nobody removes the rows until the transaction ends; any number may keep the same ones.
+  virtual std::string keep_rows() const { return ""; }
   /// The database's clock at this moment: Unix time in nanoseconds, as an expression.
   virtual std::string now_ns() const = 0;
 
@@ -130,8 +160,7 @@ class Query {
   /// The next parameter, for those whose number is only known at run time.
   void bind(std::int64_t value) { statement_.bind(value); }
   void bind(const Bytes& value) { statement_.bind(value); }
-  /// A column of another query's row.
-  void bind_column(const Query& row, int column, SqlType type);
+  void bind(const SqlValue& value, SqlType type);
 
   /// Moves to the next row; false after the last.
   bool next();
@@ -149,6 +178,7 @@ class Query {
   bool is_null(int column) const;
   /// Valid until the next row.
   std::span<const std::byte> bytes(int column) const;
+  SqlValue value(int column, SqlType type) const;
 
  private:
   friend class Questions;
@@ -180,6 +210,16 @@ class Questions {
     questions_.push_back(
         {std::string(sql), [=](Query& query) { (query.bind(values), ...); }, std::move(read)});
   }
+  /// The same for any number of values.
+  template <typename Read>
+  void add_many(std::string_view sql, Read read, std::vector<Bytes> values) {
+    questions_.push_back({std::string(sql),
+                          [values = std::move(values)](Query& query) {
+                            for (const Bytes& value : values) query.bind(value);
+                          },
+                          std::move(read)});
+  }
+  bool empty() const { return questions_.empty(); }
   /// Asks all and calls each `read`, in order.
   void ask(SqlConnection& connection) const { connection.ask(questions_); }
 

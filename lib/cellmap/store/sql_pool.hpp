@@ -10,13 +10,16 @@
 
 namespace cellmap {
 
-/// Connections for reading, one for each thread that reads at the moment, opened when first needed.
-/// Thread safe.
+/// Connections, one for each thread that needs one at the moment, opened when first needed. Thread
+/// safe.
 class SqlPool {
  public:
   using Open = std::function<std::unique_ptr<SqlConnection>()>;
-  SqlPool(Open open, std::size_t max_connections)
-      : open_(std::move(open)), max_connections_(max_connections) {}
+  /// `first`: one that is open already, or null.
+  SqlPool(Open open, std::size_t max_connections, std::unique_ptr<SqlConnection> first = nullptr)
+      : open_(std::move(open)), max_connections_(max_connections), opened_(first ? 1 : 0) {
+    if (first) free_.push_back(std::move(first));
+  }
 
   /// Calls `read(connection)` inside one read transaction: everything it sees is one revision.
   template <typename Read>
@@ -24,6 +27,12 @@ class SqlPool {
     const Lease lease(*this);
     const Snapshot snapshot(*lease.connection);
     return read(*lease.connection);
+  }
+  /// Calls `use(connection)`, which ends the transactions that it begins.
+  template <typename Use>
+  auto lend(const Use& use) {
+    const Lease lease(*this);
+    return use(*lease.connection);
   }
 
  private:

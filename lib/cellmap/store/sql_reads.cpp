@@ -6,7 +6,7 @@
 namespace cellmap {
 namespace {
 
-std::string select_map(const char* condition) {
+std::string select_map(const std::string& condition) {
   return std::string(
              "SELECT id, name, lattice_kind, lattice_size, created, revision, next_constraint, "
              "cells, planes, constraints, encoded_bytes, stored_bytes, scans, raw_points, "
@@ -65,6 +65,12 @@ MapRow map_from_row(const Query& row) {
   }
   map.info.form = form_from_row(row, 21);
   return map;
+}
+
+MapRow find_map(SqlConnection& connection, const std::string& name, const std::string& lock) {
+  Query row(connection, select_map("WHERE name = ?" + lock), name);
+  if (!row.next()) throw no_map(name);
+  return map_from_row(row);
 }
 
 Constraint constraint_from_row(const Query& row) {
@@ -154,10 +160,16 @@ void read_old_graph(SqlConnection& connection, std::int64_t map, PoseGraph& grap
 
 }  // namespace
 
+Error no_map(const std::string& name) {
+  return Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
+}
+
 MapRow read_map_row(SqlConnection& connection, const std::string& name) {
-  Query row(connection, select_map("WHERE name = ?"), name);
-  if (!row.next()) throw Error(ErrorCode::kNotFound, "there is no map named '" + name + "'");
-  return map_from_row(row);
+  return find_map(connection, name, "");
+}
+
+MapRow lock_map_row(SqlConnection& connection, const std::string& name) {
+  return find_map(connection, name, connection.lock_rows());
 }
 
 MapSummaries::Summary MapSummaries::read(SqlConnection& connection, const MapRow& row) {

@@ -19,8 +19,11 @@ struct MapRow {
   Revision oldest = 0;  ///< that can be read
 };
 
+Error no_map(const std::string& name);
 /// Error{kNotFound} where there is no such map.
 MapRow read_map_row(SqlConnection& connection, const std::string& name);
+/// The same, newest, and nobody else writes to the map until the transaction ends.
+MapRow lock_map_row(SqlConnection& connection, const std::string& name);
 
 /// Bounds, sessions and forms of maps, which take a pass over a map's CELLs to find, but change
 /// only with its revision; so the last answer is kept. Thread safe; not for use inside a write,

@@ -31,13 +31,13 @@ void rename_staged_map(SqlConnection& connection, const std::string& staged,
 }
 
 void remove_staged_maps(SqlConnection& connection, std::optional<Stamp> created_before) {
-  std::vector<std::string> names;
+  std::vector<std::int64_t> maps;
   {
-    Query rows(connection, "SELECT name FROM map WHERE name LIKE '.%' AND created < ?",
+    Query rows(connection, "SELECT id FROM map WHERE name LIKE '.%' AND created < ?",
                created_before.value_or(std::numeric_limits<Stamp>::max()));
-    while (rows.next()) names.push_back(rows.text(0));
+    while (rows.next()) maps.push_back(rows.integer(0));
   }
-  for (const std::string& name : names) remove_map(connection, name);
+  for (const std::int64_t map : maps) remove_map(connection, map);
 }
 
 }  // namespace cellmap

@@ -13,15 +13,6 @@
 namespace cellmap {
 namespace {
 
-constexpr std::chrono::milliseconds kGroupCommitWait(5);
-constexpr std::size_t kGroupCommitBatch = 256;
-
-Stamp now() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
-}
-
 std::uint64_t this_minute() {
   const auto since_start = std::chrono::steady_clock::now().time_since_epoch();
   return static_cast<std::uint64_t>(
@@ -38,22 +29,28 @@ Error no_cell(const std::string& map, CellId id) {
 
 }  // namespace
 
+Stamp SqlStore::now() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(
+             std::chrono::system_clock::now().time_since_epoch())
+      .count();
+}
+
 SqlStore::Database::Database(SqlEngine engine, const Store& store)
     : owner(store),
       name(std::move(engine.name)),
       held(std::move(engine.held)),
-      writer(std::move(engine.writer)),
+      writers(std::move(engine.writer), std::move(engine.open_writer), engine.max_writers,
+              engine.is_only_writer ? &known : nullptr),
       claimer(std::move(engine.claimer)),
       readers(std::move(engine.open_reader), engine.max_readers),
       cache(engine.cache_bytes),
       blobs(engine.objects),
-      is_only_writer(engine.is_only_writer),
-      commits([this](const auto& batch) { execute(batch); }, kGroupCommitWait, kGroupCommitBatch) {}
+      is_only_writer(engine.is_only_writer) {}
 
 SqlStore::SqlStore(SqlEngine engine) {
   const auto staging_limit = engine.staging_limit;
   database_ = std::make_shared<Database>(std::move(engine), *this);
-  if (!database_->writer) return;
+  if (!database_->writers.can_write()) return;
   std::optional<Stamp> created_before;
   if (staging_limit) created_before = now() - std::chrono::nanoseconds(*staging_limit).count();
   change_tables([&](SqlConnection& c) {
@@ -79,18 +76,20 @@ MapInfo SqlStore::create_map(const std::string& name, const LatticeSpec& lattice
 }
 
 void SqlStore::delete_map(const std::string& name) {
-  change_tables([&](SqlConnection& c) { remove_map(c, name); });
+  change_map(name, [](SqlConnection& c, const MapRow& row) { remove_map(c, row.key); });
 }
 
 void SqlStore::set_georeference(const std::string& map,
                                 const std::optional<Georeference>& georeference) {
   if (georeference) georeference->validate();
-  change_tables([&](SqlConnection& c) { write_georeference(c, map, georeference); });
+  change_map(map, [&](SqlConnection& c, const MapRow& row) {
+    write_georeference(c, row.key, georeference);
+  });
 }
 
 void SqlStore::set_form(const std::string& map, const CellForm& form) {
   form.validate();
-  change_tables([&](SqlConnection& c) { write_form(c, map, form); });
+  change_map(map, [&](SqlConnection& c, const MapRow& row) { write_form(c, row.key, form); });
 }
 
 void SqlStore::put_document(const std::string& map, const std::string& name,
@@ -100,7 +99,8 @@ void SqlStore::put_document(const std::string& map, const std::string& name,
                                           std::to_string(kMaxBytes) + " bytes long, not " +
                                           std::to_string(text.size()));
   }
-  change_tables([&](SqlConnection& c) { write_document(c, map, name, text); });
+  change_map(map,
+             [&](SqlConnection& c, const MapRow& row) { write_document(c, row.key, name, text); });
 }
 
 std::optional<std::string> SqlStore::document(const std::string& map,
@@ -114,9 +114,8 @@ std::optional<std::string> SqlStore::document(const std::string& map,
 }
 
 void SqlStore::remove_document(const std::string& map, const std::string& name) {
-  change_tables([&](SqlConnection& c) {
-    Query(c, "DELETE FROM document WHERE map = ? AND name = ?", read_map_row(c, map).key, name)
-        .run();
+  change_map(map, [&](SqlConnection& c, const MapRow& row) {
+    Query(c, "DELETE FROM document WHERE map = ? AND name = ?", row.key, name).run();
   });
 }
 
@@ -146,7 +145,7 @@ void SqlStore::publish_map(const std::string& staged, const std::string& name,
   const UpdateFrames frames = along ? frames_of(along->update) : UpdateFrames{};
   change_tables([&](SqlConnection& c) {
     rename_staged_map(c, staged, name);
-    if (along) apply_update(c, along->map, along->update, frames);
+    if (along) apply_update(c, read_map_row(c, along->map), along->update, frames);
   });
 }
 
@@ -178,13 +177,15 @@ CommitResult SqlStore::commit(const std::string& map, const MapUpdate& update) {
   validate(update);
   const UpdateFrames frames = frames_of(update);
   CommitResult result;
-  change_tables([&](SqlConnection& c) { result = apply_update(c, map, update, frames); });
+  change_map(map, [&](SqlConnection& c, const MapRow& row) {
+    result = apply_update(c, row, update, frames);
+  });
   return result;
 }
 
 SessionInfo SqlStore::create_session(const std::string& map, const SessionInfo& session) {
   validate(session);
-  change_tables([&](SqlConnection& c) { insert_session(c, map, session); });
+  change_map(map, [&](SqlConnection& c, const MapRow& row) { insert_session(c, row, session); });
   for (SessionInfo& made : sessions(map)) {
     if (made.name == session.name) return made;
   }
@@ -215,31 +216,29 @@ std::shared_ptr<const KnownCell> SqlStore::known_cell(const std::string& map, Ce
 }
 
 CurrentCell SqlStore::current_cell(const std::string& map, CellId id) const {
-  if (const auto known = known_cell(map, id)) return {known->revision, known->record};
+  if (const auto known = known_cell(map, id)) return with_bytes(*known);
   const auto state = database_->known.state();  // before it is read
-  const auto cell = database_->readers.read([&](SqlConnection& c) {
-    const MapRow row = read_map_row(c, map);
-    std::optional<CellRecord> record;
-    std::optional<KeptRow> kept;
-    Questions questions;
-    ask_cell(questions, row.key, id, [&](CellRecord found) { record = std::move(found); });
-    ask_kept(questions, row.key, id, [&](const KeptRow& found) { kept = found; });
-    questions.ask(c);
-    if (!record || !kept) throw no_cell(map, id);
-    return std::make_shared<const KnownCell>(KnownCell{row.info.revision, *record, *kept});
-  });
+  const auto cell = std::make_shared<const KnownCell>(
+      database_->readers.read([&](SqlConnection& c) { return read_cell_of_map(c, map, id); }));
   if (database_->is_only_writer && state) database_->known.insert(*state, map, cell);
   if (!database_->is_only_writer) database_->remembered.insert(this_minute(), map, cell);
-  return {cell->revision, cell->record};
+  return with_bytes(*cell);
 }
 
-std::optional<RememberedCell> SqlStore::remembered_cell(const std::string& map, CellId id,
-                                                        const std::string& hash) const {
+CurrentCell SqlStore::with_bytes(const KnownCell& cell) const {
+  CurrentCell current{cell.revision, cell.record};
+  StoredCell stored{cell.kept.hash, cell.kept.form, database_->cache.find(cell.kept.content)};
+  if (stored.frame) current.stored = std::move(stored);
+  return current;
+}
+
+std::optional<CurrentCell> SqlStore::remembered_cell(const std::string& map, CellId id,
+                                                     const std::string& hash) const {
   const auto cell = database_->remembered.find(this_minute(), map, id);
   if (!cell || to_hex(cell->record.hash) != hash) return std::nullopt;
-  StoredCell stored{cell->kept.hash, cell->kept.form, database_->cache.find(cell->kept.content)};
-  if (!stored.frame) return std::nullopt;
-  return RememberedCell{{cell->revision, cell->record}, std::move(stored)};
+  CurrentCell current = with_bytes(*cell);
+  if (!current.stored) return std::nullopt;
+  return current;
 }
 
 std::vector<CellRecord> SqlStore::nearest(const std::string& map, const Eigen::Vector3d& position,
@@ -261,10 +260,9 @@ StoredCell SqlStore::stored_cell(const std::string& map, CellId id) const {
   ContentHash content;
   BlobRow row;
   StoredCell cell = database_->readers.read([&](SqlConnection& c) {
-    const auto kept = find_kept(c, read_map_row(c, map).key, id);
-    if (!kept) throw no_cell(map, id);
-    content = kept->content;
-    StoredCell read{kept->hash, kept->form, database_->cache.find(content)};
+    const KeptRow kept = read_cell_of_map(c, map, id).kept;
+    content = kept.content;
+    StoredCell read{kept.hash, kept.form, database_->cache.find(content)};
     if (!read.frame) row = read_blob_row(c, content);
     return read;
   });
@@ -300,33 +298,11 @@ std::vector<CellScans> SqlStore::scans(const std::string& map, const std::string
       [&](SqlConnection& c) { return read_scans(c, read_map_row(c, map).key, session); });
 }
 
-JobRecord SqlStore::create_job(JobRecord job) {
-  validate(job);
-  job.created = job.updated = now();
-  change_tables([&](SqlConnection& c) { job.id = insert_job(c, job); });
-  return job;
-}
-
-void SqlStore::update_job(const JobRecord& job) {
-  validate(job);
-  JobRecord stamped = job;
-  stamped.updated = now();
-  change_tables([&](SqlConnection& c) { replace_job(c, stamped); });
-}
-
-JobRecord SqlStore::job(JobId id) const {
-  return database_->readers.read([&](SqlConnection& c) { return read_job(c, id); });
-}
-
-std::vector<JobRecord> SqlStore::jobs(const std::optional<std::string>& map) const {
-  return database_->readers.read([&](SqlConnection& c) { return read_jobs(c, map); });
-}
-
 void SqlStore::check_ready() const {
   database_->readers.read([](SqlConnection& c) { return c.integer("SELECT COUNT(*) FROM map"); });
-  if (!database_->writer) return;
+  if (!database_->writers.can_write()) return;
   database_->blobs.check_ready();
-  if (!database_->claimer) return database_->commits.run([] {});
+  if (!database_->claimer) return database_->writers.change_anything([](SqlConnection&) {});
   // Not behind the lock of those who write: one that is cut off must not look like all servers.
   change_rows([](SqlConnection& c) { c.execute("UPDATE job SET worker = worker WHERE id = 0"); });
 }
@@ -335,11 +311,22 @@ void SqlStore::read_tables(const std::function<void(SqlConnection&)>& read) cons
   database_->readers.read([&](SqlConnection& c) { read(c); });
 }
 
-void SqlStore::change_tables(const std::function<void(SqlConnection&)>& change) const {
+void SqlStore::change_tables(const SqlWriters::Work& change) const {
   database_->require_writable();
-  database_->commits.run([&] {
-    if (fence_) require_claim(*database_->writer, *fence_);
-    change(*database_->writer);
+  database_->writers.change_anything([&](SqlConnection& c) {
+    if (fence_) require_claim(c, *fence_);
+    change(c);
+  });
+  database_->owner.committed().notify();
+}
+
+void SqlStore::change_map(const std::string& map,
+                          const std::function<void(SqlConnection&, const MapRow&)>& change) const {
+  database_->require_writable();
+  database_->writers.change_map(map, [&](SqlConnection& c) {
+    const MapRow row = lock_map_row(c, map);
+    if (fence_) require_claim(c, *fence_);
+    change(c, row);
   });
   database_->owner.committed().notify();
 }
@@ -354,101 +341,15 @@ void SqlStore::change_rows(const std::function<void(SqlConnection&)>& change,
     change(connection);
     connection.execute("COMMIT");
   } catch (...) {
-    database_->roll_back(connection);
+    SqlWriters::roll_back(connection);
     throw;
   }
 }
 
-JobRecord SqlStore::queue_job(JobRecord job, bool alone, const FindSame& find_same) {
-  validate(job);
-  job.created = job.updated = now();
-  change_tables([&](SqlConnection& c) { job = insert_job_unless_same(c, job, alone, find_same); });
-  return job;
-}
-
-std::optional<HeldJob> SqlStore::claim_job(const ClaimWish& wish) {
-  validate(wish);
-  // Workers ask again and again, and mostly in vain.
-  if (!database_->readers.read([&](SqlConnection& c) { return is_one_claimable(c, wish); })) {
-    return std::nullopt;
-  }
-  std::optional<HeldJob> job;
-  change_rows([&](SqlConnection& c) { job = claim_one_job(c, wish, now()); });
-  return job;
-}
-
-std::optional<JobHolder> SqlStore::extend_claim(const JobClaim& claim,
-                                                std::chrono::milliseconds lease) {
-  std::optional<JobHolder> holder;
-  change_rows([&](SqlConnection& c) { holder = cellmap::extend_claim(c, claim, lease); });
-  return holder;
-}
-
-void SqlStore::hand_back(const JobClaim& claim) {
-  change_rows([&](SqlConnection& c) { hand_back_claim(c, claim); });
-}
-
-JobRecord SqlStore::ask_to_cancel(JobId id) {
-  JobRecord job;
-  change_rows([&](SqlConnection& c) { job = cancel_or_ask(c, id, now()); });
-  return job;
-}
-
-std::vector<HeldJob> SqlStore::unfinished_jobs(const std::optional<std::string>& map) const {
-  return database_->readers.read([&](SqlConnection& c) { return read_unfinished_jobs(c, map); });
-}
-
-std::unique_ptr<Store> SqlStore::fenced(const JobClaim& claim) {
-  return std::unique_ptr<SqlStore>(new SqlStore(database_, claim));
-}
-
 void SqlStore::Database::require_writable() const {
-  if (writer) return;
+  if (writers.can_write()) return;
   throw Error(ErrorCode::kUnsupported,
               "store " + name + " was opened read-only; open it for writing");
-}
-
-void SqlStore::Database::roll_back(SqlConnection& connection) noexcept {
-  try {
-    if (connection.in_transaction()) connection.execute("ROLLBACK");
-  } catch (...) {
-    // The next BEGIN fails then and says so to its callers.
-  }
-}
-
-/// One of several, with a savepoint: one that fails takes back only its own.
-void SqlStore::Database::carry_out(GroupCommit::Write& write) {
-  writer->execute("SAVEPOINT write");
-  try {
-    write.work();
-    writer->settle();
-  } catch (...) {
-    write.failure = std::current_exception();
-    // After a full disk, for example, the engine has rolled back everything itself.
-    if (!writer->in_transaction()) throw;
-    writer->execute("ROLLBACK TO write");
-  }
-  writer->execute("RELEASE write");
-}
-
-/// One transaction for all.
-void SqlStore::Database::execute(const std::vector<GroupCommit::Write*>& batch) noexcept {
-  SqlConnection& connection = *writer;
-  const KnownCells::Change change(known);
-  try {
-    connection.begin_write();
-    if (batch.size() == 1) {
-      batch.front()->work();
-    } else {
-      for (GroupCommit::Write* const write : batch) carry_out(*write);
-    }
-    connection.execute("COMMIT");
-  } catch (...) {
-    for (GroupCommit::Write* const write : batch) {
-      if (!write->failure) write->failure = std::current_exception();
-    }
-    roll_back(connection);
-  }
 }
 
 }  // namespace cellmap

@@ -13,12 +13,12 @@
 #include "cellmap/store/claims.hpp"
 #include "cellmap/store/descriptions.hpp"
 #include "cellmap/store/documents.hpp"
-#include "cellmap/store/group_commit.hpp"
 #include "cellmap/store/known_cells.hpp"
 #include "cellmap/store/parts.hpp"
 #include "cellmap/store/sql_pool.hpp"
 #include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/sql_update.hpp"
+#include "cellmap/store/sql_writers.hpp"
 #include "cellmap/store/staging.hpp"
 #include "cellmap/store/store.hpp"
 
@@ -31,6 +31,9 @@ struct SqlEngine {
   SqlPool::Open open_reader;
   std::size_t max_readers = 16;
   std::unique_ptr<SqlConnection> writer;  ///< null where the store is read-only
+  /// Where several maps can be written at the same time: more of these.
+  SqlPool::Open open_writer = nullptr;
+  std::size_t max_writers = 1;
   /// For claims, which then need not wait for what the writer does; null: they go through it.
   std::unique_ptr<SqlConnection> claimer = nullptr;
   std::size_t cache_bytes = 64u << 20;          ///< of hot CELL blobs
@@ -76,8 +79,8 @@ class SqlStore : public Store,
   CellPage cells(const std::string& map, const CellQuery& query) const override;
   CellRecord cell(const std::string& map, CellId id) const override;
   CurrentCell current_cell(const std::string& map, CellId id) const override;
-  std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
-                                                const std::string& hash) const override;
+  std::optional<CurrentCell> remembered_cell(const std::string& map, CellId id,
+                                             const std::string& hash) const override;
   std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,
                                   std::size_t count) const override;
   StoredCell stored_cell(const std::string& map, CellId id) const override;
@@ -88,12 +91,12 @@ class SqlStore : public Store,
   PoseGraph pose_graph(const std::string& map, std::optional<Revision> revision) const override;
   MapChanges changes(const std::string& map, Revision since) const override;
   std::vector<CellScans> scans(const std::string& map, const std::string& session) const override;
+  void check_ready() const override;
+  // Jobs and `Claims` (sql_store_jobs.cpp).
   JobRecord create_job(JobRecord job) override;
   void update_job(const JobRecord& job) override;
   JobRecord job(JobId id) const override;
   std::vector<JobRecord> jobs(const std::optional<std::string>& map) const override;
-  void check_ready() const override;
-
   JobRecord queue_job(JobRecord job, bool alone, const FindSame& find_same) override;
   std::optional<HeldJob> claim_job(const ClaimWish& wish) override;
   std::optional<JobHolder> extend_claim(const JobClaim& claim,
@@ -121,23 +124,24 @@ class SqlStore : public Store,
 
   /// Inside one transaction: for what works on the tables themselves (store/copy_map.hpp).
   void read_tables(const std::function<void(SqlConnection&)>& read) const;
-  /// The same with the connection that writes; durable when it returns.
-  void change_tables(const std::function<void(SqlConnection&)>& change) const;
+  /// The same while nobody else writes; durable when it returns. As `SqlWriters::Work`, `change`
+  /// may be called again, as may that of the next one.
+  void change_tables(const SqlWriters::Work& change) const;
+  /// The same while nobody else writes to one map, whose row it is given.
+  void change_map(const std::string& map,
+                  const std::function<void(SqlConnection&, const MapRow&)>& change) const;
   const Blobs& blobs() const { return database_->blobs; }
 
  private:
   /// What a store shares with those that are fenced.
   struct Database {
     Database(SqlEngine engine, const Store& owner);
-    void execute(const std::vector<GroupCommit::Write*>& batch) noexcept;
-    void carry_out(GroupCommit::Write& write);
     void require_writable() const;
-    static void roll_back(SqlConnection& connection) noexcept;
 
     const Store& owner;  ///< who is told of commits
     const std::string name;
     const std::shared_ptr<const void> held;
-    const std::unique_ptr<SqlConnection> writer;  ///< of the head of `commits`
+    SqlWriters writers;  ///< closed after the readers: who closes a file last tidies it
     std::mutex claiming;
     const std::unique_ptr<SqlConnection> claimer;  ///< under `claiming`
     SqlPool readers;
@@ -147,15 +151,16 @@ class SqlStore : public Store,
     KnownCells known;
     KnownCells remembered;  ///< its states are minutes: what others change is not known
     MapSummaries summaries;
-    GroupCommit commits;
   };
   /// Compressed before the write, so that writers do it at the same time, and put where they are
   /// objects.
   UpdateFrames frames_of(const MapUpdate& update) const;
   /// Null where it has to be read.
   std::shared_ptr<const KnownCell> known_cell(const std::string& map, CellId id) const;
+  CurrentCell with_bytes(const KnownCell& cell) const;
   SqlStore(std::shared_ptr<Database> database, const JobClaim& claim);
-  /// As `change_tables`, for changes of rows that they lock themselves.
+  static Stamp now();
+  /// For changes of rows that they lock themselves, beside those of `writers`.
   void change_rows(const std::function<void(SqlConnection&)>& change) const {
     change_rows(change, &SqlConnection::begin_row_write);
   }

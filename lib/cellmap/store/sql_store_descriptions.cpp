@@ -75,8 +75,7 @@ void SqlStore::keep_descriptions(const std::string& map,
                                             " bytes long, not " + std::to_string(one.bytes.size()));
     }
   }
-  change_tables([&](SqlConnection& c) {
-    const std::int64_t key = read_map_row(c, map).key;
+  change_map(map, [&](SqlConnection& c, const MapRow& row) {
     for (const CellDescription& one : descriptions) {
       const auto raw = std::as_bytes(std::span(one.hash.bytes));
       const Bytes hash(raw.begin(), raw.end());
@@ -85,7 +84,7 @@ void SqlStore::keep_descriptions(const std::string& map,
             "? FROM cell WHERE map = ? AND id = ? AND COALESCE(identity, hash) = ? ON CONFLICT "
             "(map, cell) DO UPDATE SET hash = excluded.hash, checksum = excluded.checksum, bytes = "
             "excluded.bytes",
-            hash, checksum_of(one.bytes), one.bytes, key, one.cell.value, hash)
+            hash, checksum_of(one.bytes), one.bytes, row.key, one.cell.value, hash)
           .run();
     }
   });

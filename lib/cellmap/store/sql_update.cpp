@@ -5,7 +5,8 @@
 
 #include "cellmap/store/row_codec.hpp"
 #include "cellmap/store/sql_cells.hpp"
-#include "cellmap/store/sql_reads.hpp"
+#include "cellmap/store/sql_contents.hpp"
+#include "cellmap/store/sql_remove_session.hpp"
 #include "cellmap/store/sql_schema.hpp"
 #include "cellmap/store/update_context.hpp"
 
@@ -30,17 +31,15 @@ struct Kept {
 /// One update on its way into the tables.
 class Update {
  public:
-  Update(SqlConnection& connection, const std::string& map, bool are_objects)
+  Update(SqlConnection& connection, const MapRow& map, bool are_objects)
       : connection_(connection),
         are_objects_(are_objects),
-        map_(read_map_row(connection, map)),
+        map_(map),
         revision_(map_.info.revision + 1) {}
 
   const MapInfo& info() const { return map_.info; }
   /// Before all but `remove_session`.
-  void prepare(const MapUpdate& update) {
-    context_ = read_update_context(connection_, map_.key, update);
-  }
+  void prepare(const MapUpdate& update, const UpdateFrames& frames);
 
   void add_cell(const NewCell& cell, const Bytes& frame);
   void recode_cell(CellId id, const RecodedCell& recoded, const Bytes& frame);
@@ -49,7 +48,11 @@ class Update {
   void remove_constraint(ConstraintId id);
   ConstraintId add_constraint(const Constraint& constraint);
   void judge(ConstraintId id, const Judgement& judgement);
-  void remove_session(const std::string& name);
+  void remove_session(const std::string& name) {
+    left_.merge(cellmap::remove_session(connection_, map_, name));
+    map_.oldest = revision_;
+    changed_ = true;
+  }
   /// Writes the map's row; returns its revision.
   Revision finish();
 
@@ -57,20 +60,51 @@ class Update {
   bool is_there_already(const NewCell& cell) const;
   void remember(const NewCell& cell, const Bytes& frame);
   void begin_session(const NewCell& first);
-  void insert_blob(CellId id, const EncodedCell& content, const Bytes& frame);
+  void need_content(CellId id, const EncodedCell& content, const Bytes& frame);
   void insert_cell(const NewCell& cell);
   void insert_pose(CellId id, const Pose& T_map_cell);
   CellRecord& require_cell(CellId id);
   Judgement& require_constraint(ConstraintId id);
-  void subtract_from_sums(const std::string& session);
 
   SqlConnection& connection_;
   const bool are_objects_;
   MapRow map_;
   const Revision revision_;
   UpdateContext context_;
+  std::map<ContentHash, NewContent> needed_;  ///< by CELLs that are added or recoded
+  std::set<ContentHash> left_;                ///< by CELLs that are removed or recoded
   bool changed_ = false;
 };
+
+void Update::prepare(const MapUpdate& update, const UpdateFrames& frames) {
+  context_ = read_update_context(connection_, map_.key, update);
+  for (std::size_t i = 0; i < update.cells.size(); ++i) {
+    const NewCell& cell = update.cells[i];
+    if (context_.cells.contains(cell.id)) continue;
+    const EncodedCell& content = Kept(cell.encoded, cell.coded).content;
+    need_content(cell.id, content, frames.cells[i]);
+    if (update.recoded.contains(cell.id)) left_.insert(content.hash);
+  }
+  auto frame = frames.recoded.begin();
+  for (const auto& [id, recoded] : update.recoded) {
+    need_content(id, Kept(recoded.encoded, recoded.coded).content, *frame++);
+    if (const auto before = context_.kept.find(id); before != context_.kept.end()) {
+      left_.insert(before->second.hash);
+    }
+  }
+  hold_contents(connection_, needed_, context_.contents, left_);
+}
+
+void Update::need_content(CellId id, const EncodedCell& content, const Bytes& frame) {
+  const NewContent wanted{content.bytes.size(), &frame, are_objects_};
+  const auto same = needed_.emplace(content.hash, wanted).first;
+  const auto there = context_.contents.find(content.hash);
+  if (same->second.encoded_bytes != wanted.encoded_bytes ||
+      (there != context_.contents.end() && there->second != wanted.encoded_bytes)) {
+    throw Error(ErrorCode::kInvalidArgument,
+                "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
+  }
+}
 
 void Update::add_cell(const NewCell& cell, const Bytes& frame) {
   if (cell.cell->lattice != map_.info.lattice) {
@@ -81,7 +115,6 @@ void Update::add_cell(const NewCell& cell, const Bytes& frame) {
   }
   if (is_there_already(cell)) return;
   if (!context_.sessions.contains(cell.cell->session)) begin_session(cell);
-  insert_blob(cell.id, cell.coded ? cell.coded->content : cell.encoded, frame);
   insert_cell(cell);
   insert_pose(cell.id, cell.T_map_cell);
   Query(connection_, "INSERT INTO cell_scans (map, cell, T_odom_cell, scans) VALUES (?, ?, ?, ?)",
@@ -108,7 +141,7 @@ void Update::remember(const NewCell& cell, const Bytes& frame) {
   record.session = session;
   record.encoded_bytes = cell.encoded.bytes.size();
   record.T_map_cell = cell.T_map_cell;
-  context_.kept[cell.id] = {to_bytes(kept.content.hash), frame.size()};
+  context_.kept[cell.id] = {kept.content.hash, frame.size()};
   context_.places.emplace(std::pair(session, sequence), cell.id);
   context_.sessions.insert(session);
 }
@@ -151,23 +184,6 @@ void Update::align(CellId id) {
   changed_ = true;
 }
 
-void Update::insert_blob(CellId id, const EncodedCell& content, const Bytes& frame) {
-  const Bytes hash = to_bytes(content.hash);
-  const auto [there, is_new] = context_.blobs.emplace(content.hash, content.bytes.size());
-  if (!is_new && there->second == content.bytes.size()) return;
-  if (!is_new) {
-    throw Error(ErrorCode::kInvalidArgument,
-                "CELL " + std::to_string(id.value) + ": its hash is that of other bytes");
-  }
-  Query(connection_,
-        "INSERT INTO blob (hash, encoded_bytes, checksum, frame, frame_bytes) "
-        "VALUES (?, ?, ?, ?, ?) "
-        "ON CONFLICT (hash) DO NOTHING",  // one that was recoded may or may not have left it
-        hash, content.bytes.size(), to_bytes(sha256(frame)), are_objects_ ? Bytes() : frame,
-        are_objects_ ? std::optional<std::uint64_t>(frame.size()) : std::nullopt)
-      .run();
-}
-
 void Update::insert_cell(const NewCell& cell) {
   const Eigen::Vector3d& position = cell.T_map_cell.translation();
   const Kept kept(cell.encoded, cell.coded);
@@ -192,7 +208,6 @@ void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& fra
   }
   const Kept kept(recoded.encoded, recoded.coded);
   const UpdateContext::Kept before = context_.kept[id];
-  insert_blob(id, kept.content, frame);
   Query(connection_,
         "UPDATE cell SET hash = ?, encoded_bytes = ?, encoding = ?, bound_um = ?, identity = ?, "
         "source = ? WHERE map = ? AND id = ?",
@@ -205,8 +220,6 @@ void Update::recode_cell(CellId id, const RecodedCell& recoded, const Bytes& fra
         .run();
     insert_pose(id, cell.T_map_cell);  // `moved` names a row of the history
   }
-  delete_unused_blobs(connection_, {before.hash});
-  context_.blobs.erase(hash_from(before.hash));
   MapInfo& info = map_.info;
   info.stored_bytes -= std::min(info.stored_bytes, before.frame_bytes);
   info.stored_bytes += frame.size();
@@ -301,68 +314,9 @@ void Update::judge(ConstraintId id, const Judgement& judgement) {
   changed_ = true;
 }
 
-void Update::remove_session(const std::string& name) {
-  {
-    Query row(connection_, "SELECT 1 FROM session WHERE map = ? AND name = ?", map_.key, name);
-    if (!row.next()) {
-      throw Error(ErrorCode::kNotFound, "map " + map_.info.name + " has no session '" + name + "'");
-    }
-  }
-  subtract_from_sums(name);
-  constexpr const char* kOfSession = "(SELECT id FROM cell WHERE map = ? AND session = ?)";
-  for (const char* const end : {"from_cell", "to_cell"}) {
-    Query(connection_,
-          std::string("DELETE FROM pose_constraint WHERE map = ? AND ") + end + " IN " + kOfSession,
-          map_.key, map_.key, name)
-        .run();
-  }
-  for (const char* const table : {"cell_scans", "cell_pose", "cell_description"}) {
-    Query(connection_,
-          std::string("DELETE FROM ") + table + " WHERE map = ? AND cell IN " + kOfSession,
-          map_.key, map_.key, name)
-        .run();
-  }
-  const std::vector<Bytes> hashes = kept_contents(connection_, map_.key, name);
-  Query(connection_, "DELETE FROM cell WHERE map = ? AND session = ?", map_.key, name).run();
-  Query(connection_, "DELETE FROM session WHERE map = ? AND name = ?", map_.key, name).run();
-  delete_unused_blobs(connection_, hashes);
-  map_.oldest = revision_;
-  changed_ = true;
-}
-
-void Update::subtract_from_sums(const std::string& session) {
-  MapInfo& info = map_.info;
-  {
-    Query row(
-        connection_,
-        "SELECT COUNT(*), CAST(COALESCE(SUM(planes), 0) AS BIGINT), "
-        "CAST(COALESCE(SUM(cell.encoded_bytes), 0) AS BIGINT), "
-        "CAST(COALESCE(SUM(COALESCE(frame_bytes, LENGTH(frame))), 0) AS BIGINT), "
-        "CAST(COALESCE(SUM(scans), 0) AS BIGINT), "
-        "CAST(COALESCE(SUM(raw_points), 0) AS BIGINT), CAST(COALESCE(SUM(voxel_points), 0) AS "
-        "BIGINT), "
-        "COALESCE(MAX(id), 0) FROM cell JOIN blob ON blob.hash = cell.hash "
-        "WHERE map = ? AND session = ?",
-        map_.key, session);
-    row.next();
-    std::uint64_t* const sums[] = {&info.cells,        &info.planes, &info.encoded_bytes,
-                                   &info.stored_bytes, &info.scans,  &info.raw_points,
-                                   &info.voxel_points};
-    // CELLs of before version 3 do not say what they count for.
-    for (int i = 0; i < 7; ++i) *sums[i] -= std::min(*sums[i], row.unsigned64(i));
-    map_.next_cell = std::max(map_.next_cell, CellId{row.unsigned32(7) + 1});
-  }
-  Query row(connection_,
-            "SELECT COUNT(*) FROM pose_constraint AS c WHERE map = ? AND removed IS NULL AND "
-            "EXISTS (SELECT 1 FROM cell WHERE cell.map = c.map AND cell.session = ? "
-            "AND cell.id IN (c.from_cell, c.to_cell))",
-            map_.key, session);
-  row.next();
-  info.constraints -= std::min(info.constraints, row.unsigned64(0));
-}
-
 Revision Update::finish() {
   if (!changed_) return map_.info.revision;
+  remove_unused_contents(connection_, left_);
   const MapInfo& info = map_.info;
   Query(connection_,
         "UPDATE map SET revision = ?, next_constraint = ?, cells = ?, planes = ?, constraints = ?, "
@@ -377,17 +331,17 @@ Revision Update::finish() {
 
 }  // namespace
 
-CommitResult apply_update(SqlConnection& connection, const std::string& map,
-                          const MapUpdate& update, const UpdateFrames& frames) {
+CommitResult apply_update(SqlConnection& connection, const MapRow& map, const MapUpdate& update,
+                          const UpdateFrames& frames) {
   Update writer(connection, map, frames.are_objects);
   if (update.expected_revision && *update.expected_revision != writer.info().revision) {
     throw Error(ErrorCode::kPreconditionFailed,
-                "map " + map + " is at revision " + std::to_string(writer.info().revision) +
-                    ", not at the expected " + std::to_string(*update.expected_revision) +
-                    "; read it again and repeat");
+                "map " + map.info.name + " is at revision " +
+                    std::to_string(writer.info().revision) + ", not at the expected " +
+                    std::to_string(*update.expected_revision) + "; read it again and repeat");
   }
   for (const std::string& session : update.remove_sessions) writer.remove_session(session);
-  writer.prepare(update);
+  writer.prepare(update, frames);
   for (std::size_t i = 0; i < update.cells.size(); ++i) {
     writer.add_cell(update.cells[i], frames.cells[i]);
   }

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "cellmap/store/sql_connection.hpp"
+#include "cellmap/store/sql_reads.hpp"
 #include "cellmap/store/store.hpp"
 
 namespace cellmap {
@@ -13,9 +14,10 @@ struct UpdateFrames {
   std::vector<Bytes> cells, recoded;
   bool are_objects = false;  ///< they were put (store/blobs.hpp); rows only say so
 };
-/// Carries out an update as one new revision. Expects to run inside one transaction that the caller
-/// commits, or rolls back where this throws. The update has been validated.
-CommitResult apply_update(SqlConnection& connection, const std::string& map,
-                          const MapUpdate& update, const UpdateFrames& frames);
+/// Carries out an update as one new revision. Expects to run inside one transaction to which nobody
+/// else writes the map, whose row is given; the caller commits it, or rolls it back where this
+/// throws. The update has been validated.
+CommitResult apply_update(SqlConnection& connection, const MapRow& map, const MapUpdate& update,
+                          const UpdateFrames& frames);
 
 }  // namespace cellmap

@@ -1,9 +1,10 @@
 #include "cellmap/store/sql_writes.hpp"
 
+#include <set>
 #include <tuple>
 
 #include "cellmap/store/row_codec.hpp"
-#include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_contents.hpp"
 #include "cellmap/store/sql_parts.hpp"
 #include "cellmap/store/sql_reads.hpp"
 
@@ -24,36 +25,36 @@ void insert_map(SqlConnection& connection, const std::string& name, const Lattic
       .run();
 }
 
-void remove_map(SqlConnection& connection, const std::string& name) {
-  const std::int64_t map = read_map_row(connection, name).key;
+void remove_map(SqlConnection& connection, std::int64_t map) {
+  const std::set<ContentHash> contents = kept_contents(connection, map, {});
+  hold_contents(connection, {}, {}, contents);
   for (const char* const statement :
        {"DELETE FROM pose_constraint WHERE map = ?", "DELETE FROM cell_scans WHERE map = ?",
         "DELETE FROM cell_description WHERE map = ?", "DELETE FROM cell_pose WHERE map = ?",
         "DELETE FROM session WHERE map = ?", "DELETE FROM document WHERE map = ?"}) {
     Query(connection, statement, map).run();
   }
-  const std::vector<Bytes> hashes = kept_contents(connection, map, {});
   Query(connection, "DELETE FROM cell WHERE map = ?", map).run();
-  delete_unused_blobs(connection, hashes);
+  remove_unused_contents(connection, contents);
   Query(connection, "DELETE FROM map WHERE id = ?", map).run();
 }
 
-void write_form(SqlConnection& connection, const std::string& map, const CellForm& form) {
+void write_form(SqlConnection& connection, std::int64_t map, const CellForm& form) {
   Query(connection, "UPDATE map SET encoding = ?, bound_um = ? WHERE id = ?",
-        static_cast<std::uint32_t>(form.encoding), form.bound_um, read_map_row(connection, map).key)
+        static_cast<std::uint32_t>(form.encoding), form.bound_um, map)
       .run();
 }
 
-void write_document(SqlConnection& connection, const std::string& map, const std::string& name,
+void write_document(SqlConnection& connection, std::int64_t map, const std::string& name,
                     const std::string& text) {
   Query(connection,
         "INSERT INTO document (map, name, content) VALUES (?, ?, ?) "
         "ON CONFLICT (map, name) DO UPDATE SET content = excluded.content",
-        read_map_row(connection, map).key, name, text)
+        map, name, text)
       .run();
 }
 
-void write_georeference(SqlConnection& connection, const std::string& map,
+void write_georeference(SqlConnection& connection, std::int64_t map,
                         const std::optional<Georeference>& georeference) {
   std::optional<double> latitude, longitude, height;
   std::optional<Bytes> rotation;
@@ -68,12 +69,12 @@ void write_georeference(SqlConnection& connection, const std::string& map,
   Query(connection,
         "UPDATE map SET latitude_deg = ?, longitude_deg = ?, height_m = ?, R_enu_map = ? "
         "WHERE id = ?",
-        latitude, longitude, height, rotation, read_map_row(connection, map).key)
+        latitude, longitude, height, rotation, map)
       .run();
 }
 
-void insert_session(SqlConnection& connection, const std::string& map, const SessionInfo& session) {
-  const std::int64_t key = read_map_row(connection, map).key;
+void insert_session(SqlConnection& connection, const MapRow& map, const SessionInfo& session) {
+  const std::int64_t key = map.key;
   {
     Query row(
         connection,
@@ -86,7 +87,7 @@ void insert_session(SqlConnection& connection, const std::string& map, const Ses
       if (there == wanted) return;
       if (there != std::tuple(std::string(), std::string(), std::string(), std::int64_t{0})) {
         throw Error(ErrorCode::kAlreadyExists,
-                    "map " + map + " has a session '" + session.name +
+                    "map " + map.info.name + " has a session '" + session.name +
                         "' with another robot, sensor, odometry frame or start; name this one "
                         "otherwise");
       }

@@ -171,12 +171,7 @@ constexpr bool is_final(JobState state) { return state >= JobState::kSucceeded; 
 struct CurrentCell {
   Revision revision = 0;
   CellRecord record;
-};
-
-/// What an address means that names a CELL's content.
-struct RememberedCell {
-  CurrentCell cell;  ///< as it was when it was last read
-  StoredCell stored;
+  std::optional<StoredCell> stored = {};  ///< of the same state, where its bytes are in memory
 };
 
 /// A long-running operation, as kept across restarts.
@@ -232,15 +227,15 @@ class Store {
 
   virtual CellPage cells(const std::string& map, const CellQuery& query) const = 0;
   virtual CellRecord cell(const std::string& map, CellId id) const = 0;
-  /// With its revision. A microsecond for a CELL that was asked for since the last change of a
-  /// store that one process writes.
+  /// With its revision. One wait for a database that is far away; a microsecond for a CELL that was
+  /// asked for since the last change of a store that one process writes.
   virtual CurrentCell current_cell(const std::string& map, CellId id) const = 0;
-  /// The content of this hash (hexadecimal) of a CELL, where a store that many processes write has
-  /// it in memory; nullopt is no error. The database is not asked, so that it may be slow or far:
-  /// pose and revision are up to a minute old, and so is that the CELL is there, as with any cache
-  /// along the way.
-  virtual std::optional<RememberedCell> remembered_cell(const std::string& map, CellId id,
-                                                        const std::string& hash) const = 0;
+  /// The same with its bytes, as it was when it was last read, where a store that many processes
+  /// write has those of this hash (hexadecimal) in memory; nullopt is no error. The database is not
+  /// asked, so that it may be slow or far: pose and revision are up to a minute old, and so is that
+  /// the CELL is there, as with any cache along the way.
+  virtual std::optional<CurrentCell> remembered_cell(const std::string& map, CellId id,
+                                                     const std::string& hash) const = 0;
   /// The `count` <= 10,000 CELLs whose current positions are nearest to `position`, nearest first,
   /// by id where equally far.
   virtual std::vector<CellRecord> nearest(const std::string& map, const Eigen::Vector3d& position,

@@ -5,6 +5,7 @@
 
 #include "cellmap/store/row_codec.hpp"
 #include "cellmap/store/sql_cells.hpp"
+#include "cellmap/store/sql_contents.hpp"
 
 namespace cellmap {
 namespace {
@@ -65,8 +66,7 @@ class Asking {
           "WHERE map = ? AND id = ?",
           [&, id = id](Query& row) {
             if (!row.next()) return;
-            const auto hash = row.bytes(0);
-            context_.kept[id] = {Bytes(hash.begin(), hash.end()), row.unsigned64(1)};
+            context_.kept[id] = {hash_from(row.bytes(0)), row.unsigned64(1)};
           },
           map_, id.value);
     }
@@ -74,7 +74,7 @@ class Asking {
       questions_.add(
           "SELECT encoded_bytes FROM blob WHERE hash = ?",
           [&, hash](Query& row) {
-            if (row.next()) context_.blobs.emplace(hash, row.unsigned64(0));
+            if (row.next()) context_.contents.emplace(hash, row.unsigned64(0));
           },
           to_bytes(hash));
     }
@@ -120,11 +120,6 @@ class Asking {
 };
 
 }  // namespace
-
-Bytes to_bytes(const ContentHash& hash) {
-  const auto raw = std::as_bytes(std::span(hash.bytes));
-  return {raw.begin(), raw.end()};
-}
 
 bool UpdateContext::Likeness::operator<(const Likeness& other) const {
   const auto key = [](const Likeness& of) {

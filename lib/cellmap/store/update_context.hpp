@@ -18,7 +18,7 @@ namespace cellmap {
 struct UpdateContext {
   /// The bytes that are kept of a CELL.
   struct Kept {
-    Bytes hash;
+    ContentHash hash;
     std::uint64_t frame_bytes = 0;
   };
   /// What makes a constraint the same as another one, as the tables have it.
@@ -34,12 +34,11 @@ struct UpdateContext {
   std::map<CellId, Kept> kept;                                     ///< of those that are recoded
   std::map<std::pair<std::string, std::uint32_t>, CellId> places;  ///< session and sequence
   std::set<std::string> sessions;                                  ///< that have CELLs
-  std::map<ContentHash, std::uint64_t> blobs;                      ///< their encoded bytes
-  std::map<ConstraintId, Judgement> constraints;                   ///< that are not removed
-  std::map<Likeness, ConstraintId> alike;                          ///< of those to be added
+  /// Contents that are there at the moment, with their encoded bytes; nobody holds them.
+  std::map<ContentHash, std::uint64_t> contents;
+  std::map<ConstraintId, Judgement> constraints;  ///< that are not removed
+  std::map<Likeness, ConstraintId> alike;         ///< of those to be added
 };
-
-Bytes to_bytes(const ContentHash& hash);
 
 /// In few waits, however large the update.
 UpdateContext read_update_context(SqlConnection& connection, std::int64_t map,

@@ -1,5 +1,5 @@
 """A link of 50 ms to the database, then one on which nothing passes any more. Slow: all answers are right, readiness stays green,
-and CELLs that are asked for by number and hash come from memory as fast as ever. Hanging: every request ends within its deadline
+CELLs that are asked for by number and hash come from memory as fast as ever, those by number after one question to the database. Hanging: every request ends within its deadline
 with 503, readiness turns red, and when the link is back all goes on without a restart."""
 import threading
 import time
@@ -59,8 +59,11 @@ def while_slow(options, world, link):
     wrong = [f"with a slow database {what} was told {told}" for what, (told, _) in row["requests"].items() if told != "answered"]
     if row["slow_ms"]["by_hash"] > 3 * row["alone_ms"]["by_hash"] + 1:
         wrong.append(f"hot CELLs take {row['slow_ms']['by_hash']} ms with a slow database, {row['alone_ms']['by_hash']} alone")
+    row["roundtrips_by_id"] = round((row["slow_ms"]["by_id"] - row["alone_ms"]["by_id"]) / (2e3 * DELAY_S), 2)
+    if row["roundtrips_by_id"] >= 2:
+        wrong.append(f"a hot CELL by number takes {row['roundtrips_by_id']} roundtrips to the database, must 1")
     note(f"slow-database, 50 ms a roundtrip: hot CELLs by hash {row['slow_ms']['by_hash']} ms (alone {row['alone_ms']['by_hash']}), by number "
-         f"{row['slow_ms']['by_id']} ({row['alone_ms']['by_id']}); others "
+         f"{row['slow_ms']['by_id']} ({row['alone_ms']['by_id']}), {row['roundtrips_by_id']} roundtrips (must below 2); others "
          f"{ {what: seconds for what, (_, seconds) in row['requests'].items()} } s, all right")
     return row, wrong
 
