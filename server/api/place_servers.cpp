@@ -54,9 +54,7 @@ PlaceServer::PlaceServer(std::string url, const PlaceServersOptions& options, Me
     : url_(std::move(url)), pause_(options.pause), metrics_(metrics), log_(std::move(log)) {}
 
 bool PlaceServer::is_left_alone() const {
-  const bool alone = Clock::now().time_since_epoch().count() < alone_until_;
-  if (alone) metrics_.place_server_asked(url_, "left_alone");
-  return alone;
+  return Clock::now().time_since_epoch().count() < alone_until_;
 }
 
 /// A thread of its own waits for the answer, so that bytes that trickle in do not hold it up: at
@@ -89,21 +87,21 @@ PlaceServer::Reply PlaceServer::post(const std::string& path, const Bytes& body,
 
 std::optional<PlaceAnswer> PlaceServer::ask(const std::string& map, const PlaceQuery& query,
                                             const OnBehalfOf& caller, Deadline deadline) {
-  const Reply reply =
-      post("/v1/maps/" + map + "/places:search", encode_place_query(query), caller, deadline);
-  if (reply.status != 200) {
-    failed(std::to_string(reply.status) + " " + in_quotes(reply.body),
-           !is_about_the_caller(reply.status));
-    return std::nullopt;
-  }
   try {
-    auto answer = decode_place_answer(as_bytes(reply.body), query.terms, query.regions.size());
-    metrics_.place_server_asked(url_, "answered");
-    return answer;
+    const Bytes body = encode_place_query(query);
+    const Reply reply = post("/v1/maps/" + map + "/places:search", body, caller, deadline);
+    if (reply.status == 200) {
+      auto answer = decode_place_answer(as_bytes(reply.body), query.terms, query.regions.size());
+      metrics_.place_server_asked(url_, "answered");
+      return answer;
+    }
+    failed(
+        reply.status == 0 ? reply.body : std::to_string(reply.status) + " " + in_quotes(reply.body),
+        !is_about_the_caller(reply.status));
   } catch (const Error& error) {
     failed(error.what());
-    return std::nullopt;
   }
+  return std::nullopt;
 }
 
 void PlaceServer::failed(const std::string& why, bool leave_alone) {

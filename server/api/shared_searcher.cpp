@@ -111,6 +111,7 @@ ComparedPlaces SharedSearcher::search(const QueryViews& query, const RegionList&
   for (std::size_t i = 0; i < shares.size(); ++i) {
     if (i == servers_.self() || shares[i].empty()) continue;
     if (servers_.server(i).is_left_alone()) {
+      metrics_.place_server_asked(servers_.options().servers[i], "left_alone");
       append(instead, shares[i]);
     } else {
       others.push_back(asked(i, query, std::move(shares[i]), terms));

@@ -52,7 +52,8 @@ DescribedPlace describe_place(const PointCloud& points);
 /// Bytes of a description, kDescribedPlaceBytes, in a form that is this program's own; and what
 /// such bytes describe: nullopt where they were written in another form or can mean nothing, so
 /// that the CELL is to be described anew.
-constexpr std::size_t kDescribedPlaceBytes = 1 + sizeof(CompactSignature::Steps) + 12 * 8;
+constexpr std::size_t kDescribedPlaceBytes =
+    1 + sizeof(CompactSignature::Steps) + 12 * sizeof(double);
 std::vector<std::byte> to_bytes(const DescribedPlace& place);
 std::optional<DescribedPlace> described_place_from_bytes(std::span<const std::byte> bytes);
 

@@ -19,7 +19,7 @@ struct PlaceAlignment {
 class QueryViews {
  public:
   static constexpr int kSteps = 2;  ///< to each side of the query
-  static constexpr std::size_t kViews = (2 * kSteps + 1) * (2 * kSteps + 1);
+  static constexpr std::size_t kSide = 2 * kSteps + 1, kViews = kSide * kSide;
   using Seen = std::array<bool, Columns::kSectors>;
 
   /// kViews signatures, of the places of a square row by row.

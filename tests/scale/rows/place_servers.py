@@ -3,6 +3,7 @@ what each keeps in memory, what a query without a prior takes at first and then,
 another one hangs. Things at random around each CELL are described and kept in the store; the bytes of all CELLs are those of one simulated CELL, so
 that the places found can be tried, which none of them stands. All servers and the database run on this machine: what several machines
 would gain in time cannot be seen, what each has to do and to keep can."""
+import http.client
 import json
 import signal
 import subprocess
@@ -24,9 +25,8 @@ def simulated(options, folder):
     return sorted((folder / "data" / "elsewhere").rglob("*.bin"))[-1].read_bytes()
 
 
-def fill(options, database, folder, sizes):
-    """The maps, all of whose CELLs are the first of a drive."""
-    fill_postgres(options, database, folder, sizes)
+def one_cell(options, database, folder):
+    """SQL of the hash of a CELL of the drive, which a server has made of it."""
     server = Server(options.cellmapd, database.address, folder / "data", log=folder / "fill.log")
     try:
         server.start()
@@ -36,12 +36,16 @@ def fill(options, database, folder, sizes):
             job = server.api.get(f"/v1/jobs/{job['id']}")
     finally:
         server.stop()
-    one = "(SELECT hash FROM cell WHERE map = (SELECT id FROM map WHERE name = 'real') ORDER BY id LIMIT 1)"
-    database.sql(f"UPDATE cell SET hash = {one} WHERE map IN (SELECT id FROM map WHERE name IN ('medium', 'large'))")
+    return "(SELECT hash FROM cell WHERE map = (SELECT id FROM map WHERE name = 'real') ORDER BY id LIMIT 1)"
+
+
+def fill(options, database, folder, name, cells, one):
+    """A map all of whose CELLs are that one, but for what is known of their places."""
+    fill_postgres(options, database, folder, {name: cells})
+    database.sql(f"UPDATE cell SET hash = {one} WHERE map = (SELECT id FROM map WHERE name = '{name}')")
     database.sql("VACUUM ANALYZE cell")
     bench = Path(options.cellmap).parent.parent / "tests" / "bench" / "cellmap_bench"
-    for name in sizes:
-        subprocess.run([bench, "--keep-places-of", database.address, name], check=True)
+    subprocess.run([bench, "--keep-places-of", database.address, name], check=True)
 
 
 def metric(server, name):
@@ -52,14 +56,20 @@ def metric(server, name):
 
 
 def ask(server, name, scan):
-    """Seconds of a query, and its answer without them."""
+    """Seconds of a query, which may take minutes where a million CELLs are read first, and its answer without them."""
     begun = time.perf_counter()
-    answer = json.loads(server.api.call("POST", f"/v1/maps/{name}/relocalise", scan, "application/octet-stream"))
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=600)
+    connection.request("POST", f"/v1/maps/{name}/relocalise", scan, {"Content-Type": "application/octet-stream"})
+    response = connection.getresponse()
+    answer = json.loads(response.read())
+    connection.close()
+    if response.status != 200:
+        raise RuntimeError(f"relocalise: {response.status} {answer}")
     answer.pop("time_ms")
     return time.perf_counter() - begun, answer
 
 
-def together(options, database, folder, count, timeout="60"):
+def together(options, database, folder, count, timeout="600"):
     """Servers that search together, which know each other's ports before they start."""
     servers = [Server(options.cellmapd, database.address, folder / "data", log=folder / f"{count}-{i}.log") for i in range(count)]
     urls = [f"http://127.0.0.1:{server.port}" for server in servers]
@@ -115,7 +125,7 @@ def measured(options, database, folder, name, cells, scan):
             if row["failed"]:
                 wrong.append(f"{name}: {row['failed']} searches failed among {count} servers")
             whole = rows.get(1, row)["place_mib"][0]
-            if not 0.95 * whole < sum(row["place_mib"]) < 1.05 * whole or max(row["place_mib"]) > 1.5 * whole / count:
+            if not 0.95 * whole < sum(row["place_mib"]) < 1.05 * whole or max(row["place_mib"]) > 2 * whole / count:
                 wrong.append(f"{name}: {count} servers keep {row['place_mib']} MiB, one {whole}")
             rows[count] = row
             note(f"place-servers, {cells} CELLs, {count}: first query {row['first_s']:.2f} s, then {row['p50_s']:.3f} s; processor a query "
@@ -134,8 +144,9 @@ def run(options, folder):
     scan = simulated(options, folder)
     database = Cluster(shared_buffers="512MB", max_wal_size="4GB").create()
     try:
-        fill(options, database, folder, sizes)
+        one = one_cell(options, database, folder)
         for name, cells in sizes.items():
+            fill(options, database, folder, name, cells, one)
             row[name], expected, others = measured(options, database, folder, name, cells, scan)
             wrong += others
             if name == "medium":
