@@ -61,16 +61,16 @@ void TargetCache::erase(std::uint64_t map_key, CellId id) {
 }
 
 MapState::MapState(Store& store, TargetCache& cache, PartCache& parts, const OnUnkept& on_unkept,
-                   std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
-                   std::uint64_t key)
+                   std::shared_ptr<const Lattice> lattice, const MapInfo& info, std::uint64_t key)
     : store_(store),
       cache_(cache),
       parts_(parts),
       on_unkept_(on_unkept),
       lattice_(std::move(lattice)),
-      name_(std::move(name)),
-      created_(created),
-      key_(key) {}
+      name_(info.name),
+      created_(info.created),
+      key_(key),
+      contents_(info.revision) {}
 
 std::shared_ptr<const PoseGraph> MapState::graph() const {
   const Revision revision = store_.map(name_).revision;
@@ -79,12 +79,16 @@ std::shared_ptr<const PoseGraph> MapState::graph() const {
     if (graph_ && graph_->revision == revision) return graph_;
   }
   auto loaded = std::make_shared<const PoseGraph>(store_.pose_graph(name_));
+  forget_converted(*loaded);
   const std::lock_guard lock(graph_mutex_);
   if (!graph_ || graph_->revision < loaded->revision) graph_ = loaded;
   return loaded;
 }
 
 void MapState::publish(PoseGraph graph) const {
+  // What is published converts nothing; what came before it from elsewhere may have.
+  Revision before = graph.revision - 1;
+  if (!contents_.compare_exchange_strong(before, graph.revision)) forget_converted(graph);
   auto published = std::make_shared<const PoseGraph>(std::move(graph));
   const std::lock_guard lock(graph_mutex_);
   if (!graph_ || graph_->revision < published->revision) graph_ = std::move(published);
@@ -92,18 +96,44 @@ void MapState::publish(PoseGraph graph) const {
 
 std::shared_ptr<const RegistrationTarget> MapState::target(CellId id) const {
   if (auto cached = cache_.find(key_, id)) return cached;
+  const Revision before = contents_;
   auto cell = std::make_shared<const Cell>(load_cell(store_, name_, id));
   auto target = std::make_shared<const RegistrationTarget>(std::move(cell), lattice_);
-  cache_.insert(key_, id, target);
+  if (contents_ == before) cache_.insert(key_, id, target);
   return target;
 }
 
-void MapState::forget_cell(CellId id) const { cache_.erase(key_, id); }
+/// Since `contents_` was: those that came or were converted, or all where nobody can tell.
+std::set<CellId> MapState::cells_changed_by(const PoseGraph& now) const {
+  std::set<CellId> changed;
+  try {
+    for (const CellRecord& cell : store_.changes(name_, contents_).added) changed.insert(cell.id);
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::kNotFound) throw;  // a session was removed since
+    for (const auto& [id, pose] : now.nodes) changed.insert(id);
+  }
+  return changed;
+}
 
-void MapState::forget_places() const {
-  const std::lock_guard lock(places_mutex_);
-  described_.reset();
-  places_ = {};
+void MapState::forget_converted(const PoseGraph& now) const {
+  const std::lock_guard lock(contents_mutex_);
+  if (now.revision <= contents_) return;
+  std::shared_ptr<const PoseGraph> known;
+  {
+    const std::lock_guard graph_lock(graph_mutex_);
+    known = graph_;
+  }
+  bool was_described = false;
+  for (const CellId id : cells_changed_by(now)) {
+    cache_.erase(key_, id);
+    was_described = was_described || (known && known->nodes.contains(id));
+  }
+  if (was_described) {
+    const std::lock_guard places_lock(places_mutex_);
+    described_.reset();
+    places_ = {};
+  }
+  contents_ = now.revision;
 }
 
 TargetProvider MapState::targets(std::shared_ptr<const MapState> state) {
@@ -159,9 +189,8 @@ std::shared_ptr<const MapState> Maps::open(const std::string& name) {
     }
     states_.erase(found);  // another map by the same name
   }
-  states_.push_front(std::make_shared<const MapState>(store_, cache_, parts_, options_.on_unkept,
-                                                      lattices_.get(info.lattice), name,
-                                                      info.created, next_key_++));
+  states_.push_front(std::make_shared<const MapState>(
+      store_, cache_, parts_, options_.on_unkept, lattices_.get(info.lattice), info, next_key_++));
   auto opened = states_.front();
   for (auto state = std::prev(states_.end());
        states_.size() > options_.loaded_maps && state != states_.begin();) {

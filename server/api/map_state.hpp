@@ -1,10 +1,12 @@
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <list>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -48,8 +50,7 @@ class TargetCache {
 class MapState {
  public:
   MapState(Store& store, TargetCache& cache, PartCache& parts, const OnUnkept& on_unkept,
-           std::shared_ptr<const Lattice> lattice, std::string name, Stamp created,
-           std::uint64_t key);
+           std::shared_ptr<const Lattice> lattice, const MapInfo& info, std::uint64_t key);
 
   const std::string& name() const { return name_; }
   Stamp created() const { return created_; }
@@ -60,11 +61,8 @@ class MapState {
   /// Saves reading again what was just committed: the graph of that revision.
   void publish(PoseGraph graph) const;
 
+  /// With the planes that the CELL has in the last `graph`, or later ones.
   std::shared_ptr<const RegistrationTarget> target(CellId id) const;
-  /// The CELL has other bytes now: the next `target` is read from the store.
-  void forget_cell(CellId id) const;
-  /// The same for descriptors, of all CELLs.
-  void forget_places() const;
   /// Keeps the state alive.
   static TargetProvider targets(std::shared_ptr<const MapState> state);
   static MapAccess access(const std::shared_ptr<const MapState>& state);
@@ -86,6 +84,10 @@ class MapState {
   std::mutex& writer() const { return writer_; }
 
  private:
+  /// What was made of CELLs that have had other bytes since, by a conversion here or through
+  /// another server.
+  void forget_converted(const PoseGraph& now) const;
+  std::set<CellId> cells_changed_by(const PoseGraph& now) const;
   std::shared_ptr<DescribedCells> described_cells() const;
 
   Store& store_;
@@ -97,6 +99,9 @@ class MapState {
   Stamp created_;
   std::uint64_t key_;
   mutable std::mutex writer_;
+  mutable std::mutex contents_mutex_;
+  mutable std::atomic<Revision>
+      contents_;  ///< what is kept of CELLs is of their bytes then, or later
   mutable std::mutex graph_mutex_;
   mutable std::shared_ptr<const PoseGraph> graph_;
   mutable std::mutex places_mutex_;

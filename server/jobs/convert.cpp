@@ -20,13 +20,11 @@ CellForm parse_convert_request(const Json& json) {
 void run_convert(Maps& maps, Store& store, const std::string& map, const CellForm& form,
                  const std::stop_token& stop, const IngestHooks& hooks) {
   const auto state = maps.open(map);
-  const AroundCommit around = [&](CellId id, const std::function<void()>& commit) {
+  const AroundCommit around = [&](const std::function<void()>& commit) {
     const std::lock_guard lock(state->writer());
     commit();
-    state->forget_cell(id);
   };
   convert_cells(store, map, form, stop, hooks.progress, around);
-  state->forget_places();
 }
 
 }  // namespace cellmap::server

@@ -2,6 +2,9 @@
 #include "cellmap/codec/coded_cell.hpp"
 #include "cellmap/codec/kept_cell.hpp"
 #include "cellmap/codec/plane_displacement.hpp"
+#include "cellmap/store/convert_cells.hpp"
+#include "cellmap/store/read_cell.hpp"
+#include "server/api/map_state.hpp"
 #include "server/server_fixture.hpp"
 
 // Maps that keep their CELLs coded, and conversions.
@@ -35,6 +38,36 @@ class ApiKeptCells : public ApiTest {
         std::make_shared<const Cell>(decode_cell(street_cell(sequence, sequence * 6).bytes)), form);
   }
 };
+
+TEST_F(ApiKeptCells, WhatAnotherServerConvertsIsReadAgain) {
+  make("");
+  put_street(2);
+  Maps maps(*store_);  // of a server that converts nothing
+  const auto state = maps.open("town");
+  const auto target = state->target({1});
+  const auto searcher = state->places().searcher;
+
+  convert_cells(*store_, "town", kCompact);
+
+  const auto places = state->places();
+  EXPECT_NE(places.searcher, searcher) << "descriptions are made of bytes";
+  const Cell now = read_cell(*store_, "town", {1});
+  EXPECT_EQ(state->target({1})->cell().planes, now.planes);
+  EXPECT_NE(target->cell().planes, now.planes) << "the conversion rounds";
+}
+
+TEST_F(ApiKeptCells, WhatWasConvertedBesideOwnCommitsIsReadAgain) {
+  make("");
+  put_street(2);
+  Maps maps(*store_);
+  const auto state = maps.open("town");
+  (void)state->graph();
+  (void)state->target({1});
+  convert_cells(*store_, "town", kCompact);
+  put_cell(3, street_cell(2, 12));
+  state->publish(store_->pose_graph("town"));
+  EXPECT_EQ(state->target({1})->cell().planes, read_cell(*store_, "town", {1}).planes);
+}
 
 TEST_F(ApiKeptCells, AMapSaysInWhichFormItKeepsItsCells) {
   make("");

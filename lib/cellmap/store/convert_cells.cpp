@@ -20,7 +20,7 @@ bool convert(Store& store, const std::string& map, CellId id, const CellForm& fo
   MapUpdate update;
   update.recoded[id] = {from, std::move(kept.encoded), std::move(kept.coded)};
   const auto commit = [&] { store.commit(map, update); };
-  around ? around(id, commit) : commit();
+  around ? around(commit) : commit();
   return is_replaced;
 }
 

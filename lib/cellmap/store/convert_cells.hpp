@@ -19,9 +19,8 @@ struct ConversionReport {
 /// Throws Error{kConflict} where `convert_cells` would.
 void require_convertible(const MapInfo& map, const CellForm& form);
 
-/// Called around each commit: a server holds the map's writer and drops what it has loaded of the
-/// CELL.
-using AroundCommit = std::function<void(CellId id, const std::function<void()>& commit)>;
+/// Called around each commit: a server holds the map's writer.
+using AroundCommit = std::function<void(const std::function<void()>& commit)>;
 
 /// Brings the CELLs of a map into a form, and has it keep those that come from now on in it. One
 /// CELL is one transaction and one revision; one that broke off is called again and goes on. raw
