@@ -268,7 +268,7 @@ struct HttpServer::Impl : httplib::Server {
     server::Request request;
     request.method = head.method;
     request.target = head.target;
-    for (const auto& [name, value] : head.fields) request.headers.add(name, std::string(value));
+    for (const auto& [name, value] : head.fields) request.headers.add(name, value);
     identify(request, connection.address());
     const AnswerForm form{request.method == "HEAD", head.is_http_1_0, head.keep};
     connection.skip(head.size);
