@@ -1,10 +1,12 @@
 """A cellmapd that can be killed, and HTTP to it."""
 import http.client
 import json
+import random
 import signal
 import socket
 import subprocess
 import time
+from pathlib import Path
 
 
 class Lost(Exception):
@@ -61,9 +63,15 @@ class Api:
 
 
 def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """Below those that the kernel gives to connections that go out, so that none takes it before a server listens there."""
+    while True:
+        port = random.randrange(10_000, 32_000)
+        with socket.socket() as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+                return port
+            except OSError:
+                pass
 
 
 class Server:
@@ -88,7 +96,8 @@ class Server:
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
-                raise RuntimeError(f"cellmapd ended with {self.process.returncode}; see {self.log.name}")
+                said = "".join(Path(self.log.name).read_text(errors="replace").splitlines(keepends=True)[-5:])
+                raise RuntimeError(f"cellmapd ended with {self.process.returncode}: {said}")
             try:
                 self.api.call("GET", "/readyz")
                 return

@@ -1,6 +1,7 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <spdlog/sinks/ostream_sink.h>
 
+#include <random>
 #include <set>
 #include <sstream>
 
@@ -15,16 +16,21 @@ namespace {
 
 using ::testing::HasSubstr;
 
+/// Below those that the kernel gives to connections that go out, so that none takes it before a
+/// server listens there.
 int free_port() {
-  const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof(address);
-  ::bind(socket, reinterpret_cast<sockaddr*>(&address), size);
-  ::getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size);
-  ::close(socket);
-  return ntohs(address.sin_port);
+  std::random_device random;
+  for (;;) {
+    const int port = std::uniform_int_distribution(10'000, 31'999)(random);
+    const int socket = ::socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    const int failed = ::bind(socket, reinterpret_cast<sockaddr*>(&address), sizeof(address));
+    ::close(socket);
+    if (failed == 0) return port;
+  }
 }
 
 /// Takes connections, and answers each with these bytes, whatever is asked; without any it hangs.
