@@ -18,15 +18,8 @@ TESTS = Path(__file__).resolve().parent.parent
 sys.dont_write_bytecode = True
 sys.path += [str(TESTS / "scale"), str(TESTS / "crash")]
 from database import Cluster, programs  # noqa: E402
+from rules import check, failures  # noqa: E402
 from server import Server  # noqa: E402
-
-failures = []
-
-
-def check(holds, rule, found=""):
-    print(("holds   " if holds else "FAILS   ") + rule + ("" if holds else f": {found}"))
-    if not holds:
-        failures.append(rule)
 
 
 class Fleet:
