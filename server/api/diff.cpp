@@ -117,8 +117,9 @@ Response get_diff(Services& services, const Call& call) {
   require_bounded(pairs_to_compare(earlier.cells, later.cells, options).size());
   SessionDiff diff;
   std::chrono::duration<double, std::milli> elapsed{};
-  in_turn(services, [&](int threads) {
-    options.threads = threads;
+  in_turn(services, [&](const Effort& effort) {
+    options.threads = effort.threads;
+    options.give_way = effort.give_way;
     const auto start = std::chrono::steady_clock::now();
     diff = diff_sessions(earlier.cells, later.cells, MapState::targets(state), options);
     elapsed = std::chrono::steady_clock::now() - start;

@@ -46,10 +46,10 @@ Response search_places(Services& services, const Call& call) {
   const PlaceQuery query = decode_place_query(as_bytes(call.content(kMaxPlaceQueryBytes)));
   check_ownership(services, state->name(), query);
   PlaceAnswer answer;
-  in_turn(services.place_turns, services.options.threads, [&](int threads) {
+  in_turn(services.place_turns, services.options.threads, [&](const Effort& effort) {
     const MapState::Places places = state->places();
     const RegionList known = known_regions(query, *places.regions, answer);
-    answer.places = places.searcher->search(query.views, known, query.terms, threads);
+    answer.places = places.searcher->search(query.views, known, query.terms, effort);
   });
   const auto bytes = std::make_shared<const Bytes>(encode_place_answer(answer, query.terms));
   Response response;

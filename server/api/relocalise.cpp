@@ -139,12 +139,13 @@ Response relocalise(Services& services, const Call& call) {
   std::shared_ptr<const PoseGraph> graph;
   RelocalisationAnswer answer;
   std::chrono::duration<double, std::milli> elapsed{};
-  in_turn(services, [&](int threads) {
+  in_turn(services, [&](const Effort& effort) {
     const auto start = std::chrono::steady_clock::now();
     const MapState::Places places = state->places();
     graph = places.graph;
     RelocaliseOptions options;
-    options.threads = options.registration.threads = threads;
+    options.threads = options.registration.threads = effort.threads;
+    options.registration.give_way = effort.give_way;
     answer = index_of(services, call, *state, places)
                  .relocalise(query, *graph, MapState::targets(state), options);
     elapsed = std::chrono::steady_clock::now() - start;

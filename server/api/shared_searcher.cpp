@@ -103,8 +103,8 @@ SharedSearcher::Share SharedSearcher::asked(std::size_t server, const QueryViews
 }
 
 ComparedPlaces SharedSearcher::search(const QueryViews& query, const RegionList& regions,
-                                      const SearchTerms& terms, int threads) const {
-  if (!servers_.share(cells_in(regions))) return own_->search(query, regions, terms, threads);
+                                      const SearchTerms& terms, const Effort& effort) const {
+  if (!servers_.share(cells_in(regions))) return own_->search(query, regions, terms, effort);
   std::vector<RegionList> shares = by_owner(regions);
   RegionList own = std::move(shares[servers_.self()]), instead;
   std::vector<Share> others;
@@ -118,12 +118,12 @@ ComparedPlaces SharedSearcher::search(const QueryViews& query, const RegionList&
     }
   }
   std::vector<ComparedPlaces> found;
-  found.push_back(own_->search(query, own, terms, threads));
+  found.push_back(own_->search(query, own, terms, effort));
   for (Share& share : others) {
     found.push_back(share.take(terms));
     append(instead, share.regions);
   }
-  if (!instead.empty()) found.push_back(own_->search(query, instead, terms, threads));
+  if (!instead.empty()) found.push_back(own_->search(query, instead, terms, effort));
   metrics_.place_regions_taken_over(instead.size());
   return merged(std::move(found), terms);
 }

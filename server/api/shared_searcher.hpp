@@ -18,7 +18,7 @@ class SharedSearcher : public PlaceSearcher {
                  std::shared_ptr<const PlaceSearcher> own, OnBehalfOf caller);
 
   ComparedPlaces search(const QueryViews& query, const RegionList& regions,
-                        const SearchTerms& terms, int threads) const override;
+                        const SearchTerms& terms, const Effort& effort) const override;
 
  private:
   struct Share;

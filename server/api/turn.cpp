@@ -37,12 +37,14 @@ class Turn {
 
 }  // namespace
 
-void in_turn(Turns& turns, int threads, const std::function<void(int threads)>& work) {
+void in_turn(Turns& turns, int threads, const std::function<void(const Effort&)>& work) {
   const Turn turn(turns);
-  run_in_background([&] { work(turn.is_alone() ? threads : 1); });
+  run_in_background([&](const GiveWay& give_way) {
+    work({turn.is_alone() ? threads : 1, give_way});
+  });
 }
 
-void in_turn(Services& services, const std::function<void(int threads)>& work) {
+void in_turn(Services& services, const std::function<void(const Effort&)>& work) {
   in_turn(services.turns, services.options.threads, work);
 }
 

@@ -5,6 +5,8 @@
 #include <functional>
 #include <semaphore>
 
+#include "cellmap/core/parallel.hpp"
+
 namespace cellmap::server {
 
 struct Services;
@@ -22,9 +24,9 @@ struct Turns {
 /// answered beside it. Throws Error{kUnavailable} at once where many wait already, and where its
 /// turn does not come in time, and what `work` throws. It has `threads` where it is alone, else
 /// one: together they keep the processors busy anyway.
-void in_turn(Turns& turns, int threads, const std::function<void(int threads)>& work);
+void in_turn(Turns& turns, int threads, const std::function<void(const Effort&)>& work);
 
 /// The same as one of the relocalisations and comparisons, with as many threads as the options say.
-void in_turn(Services& services, const std::function<void(int threads)>& work);
+void in_turn(Services& services, const std::function<void(const Effort&)>& work);
 
 }  // namespace cellmap::server

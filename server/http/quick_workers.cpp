@@ -5,7 +5,18 @@
 #include <span>
 #include <utility>
 
+#include "cellmap/core/give_way.hpp"
+
 namespace cellmap::server {
+namespace {
+
+/// Workers that come to share a processor, because something computes on the other one, would wait
+/// for each other's ticks: fetches while relocalisation is saturated then take 5.5 ms instead of 2
+/// (p99). With a quarter of this, clients on the same machine get so much that a mixed fleet's p99
+/// is 17 ms instead of 12.
+constexpr std::chrono::milliseconds kTurn(1);
+
+}  // namespace
 
 QuickWorkers::QuickWorkers(std::size_t threads, std::size_t at_once, std::size_t max_waiting,
                            OnReady on_ready)
@@ -74,7 +85,9 @@ bool QuickWorkers::handle(int socket) {
 
 void QuickWorkers::work() {
   std::array<epoll_event, kMostAtOnce> events;
+  TimedYield yield(kTurn);
   for (bool is_end = false; !is_end;) {
+    yield();
     ++idle_;
     const auto ready = poll_.wait(std::span(events).first(at_once_), std::chrono::milliseconds(-1));
     --idle_;

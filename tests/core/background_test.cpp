@@ -16,14 +16,15 @@ int niceness() { return getpriority(PRIO_PROCESS, 0); }
 TEST(Background, WorkYieldsAndItsCallerDoesNot) {
   const int before = niceness();
   int inside = before;
-  run_in_background([&] { inside = niceness(); });
+  run_in_background([&](const GiveWay&) { inside = niceness(); });
   EXPECT_GE(inside, std::min(before + 1, 19));
   EXPECT_EQ(niceness(), before);
 }
 
 TEST(Background, WhatWorkThrowsReachesItsCaller) {
-  test::expect_error(ErrorCode::kConflict,
-                     [] { run_in_background([] { throw Error(ErrorCode::kConflict, "no"); }); });
+  test::expect_error(ErrorCode::kConflict, [] {
+    run_in_background([](const GiveWay&) { throw Error(ErrorCode::kConflict, "no"); });
+  });
 }
 
 }  // namespace

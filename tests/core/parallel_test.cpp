@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 
+#include <atomic>
 #include <mutex>
 #include <numeric>
 #include <set>
@@ -33,6 +34,16 @@ TEST(ParallelFor, CoversTheRangeOnceInPiecesOfTheGrain) {
       next = end;
     }
     EXPECT_EQ(next, count);
+  }
+}
+
+TEST(ParallelFor, GivesWayAfterEveryPiece) {
+  for (const int threads : {1, 2}) {
+    std::atomic<int> pieces = 0, times = 0;
+    const Effort effort(threads, GiveWay([&] { ++times; }));
+    parallel_for(35, 10, effort, [&](std::size_t, std::size_t) { ++pieces; });
+    EXPECT_EQ(times, 4);
+    EXPECT_EQ(pieces, 4);
   }
 }
 

@@ -5,6 +5,7 @@
 #include <random>
 
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/place/described_query.hpp"
 #include "cellmap/place/place_part.hpp"
 #include "cellmap/place/polar_image.hpp"
 #include "support/expect_error.hpp"
@@ -217,6 +218,24 @@ TEST_F(RelocalisationInATown, TheAnswerDoesNotDependOnTheThreadCount) {
   const auto two = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
   ASSERT_TRUE(one.found && two.found);
   EXPECT_EQ(one.found->T_map_scan.matrix(), two.found->T_map_scan.matrix());
+}
+
+TEST_F(RelocalisationInATown, OthersHaveTheProcessorBetweenSmallPieces) {
+  const auto source =
+      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+  source->seek(40);
+  const auto scan = source->next();
+  RelocaliseOptions options = quick_options();
+  const auto alone = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  std::size_t times = 0;
+  options.registration.give_way = GiveWay([&] { ++times; });
+  const auto kind = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  ASSERT_TRUE(alone.found && kind.found);
+  EXPECT_EQ(alone.found->T_map_scan.matrix(), kind.found->T_map_scan.matrix());
+  // Once for every view of the query, every CELL and every iteration, of which the answer's are
+  // few.
+  EXPECT_GT(times, QueryViews::kViews + kind.cells_considered +
+                       static_cast<std::size_t>(kind.found->registration.iterations));
 }
 
 /// Parts of the CELLs of the town, which lies around the corner of four regions.

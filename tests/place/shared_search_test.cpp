@@ -37,10 +37,10 @@ class SplitSearcher : public PlaceSearcher {
   SplitSearcher(const RandomPlaces& places, std::size_t shares, unsigned seed)
       : searcher_(places.searcher()), shares_(shares), rng_(seed) {}
   ComparedPlaces search(const QueryViews& query, const RegionList& regions,
-                        const SearchTerms& terms, int threads) const override {
+                        const SearchTerms& terms, const Effort& effort) const override {
     std::vector<ComparedPlaces> found;
     for (const RegionList& share : split(regions, shares_, rng_)) {
-      found.push_back(sent(searcher_.search(query, share, terms, threads), terms.count));
+      found.push_back(sent(searcher_.search(query, share, terms, effort), terms.count));
     }
     return merged(std::move(found), terms);
   }

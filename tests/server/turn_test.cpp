@@ -32,13 +32,13 @@ class TurnTest : public ::testing::Test {
 };
 
 TEST_F(TurnTest, WhoIsAloneHasAllThreads) {
-  in_turn(services_, [](int threads) { EXPECT_EQ(threads, 3); });
-  in_turn(services_, [](int threads) { EXPECT_EQ(threads, 3); });
+  in_turn(services_, [](const Effort& effort) { EXPECT_EQ(effort.threads, 3); });
+  in_turn(services_, [](const Effort& effort) { EXPECT_EQ(effort.threads, 3); });
 }
 
 TEST_F(TurnTest, WhatFailsGivesItsTurnBack) {
   for (int i = 0; i < 3; ++i) {
-    EXPECT_THROW(in_turn(services_, [](int) { throw std::runtime_error("no"); }),
+    EXPECT_THROW(in_turn(services_, [](const Effort&) { throw std::runtime_error("no"); }),
                  std::runtime_error);
   }
   EXPECT_EQ(services_.turns.taken, 0);
@@ -48,18 +48,19 @@ TEST_F(TurnTest, WhereManyWaitTheNextIsRefusedAtOnceAndTheyGetTheirTurns) {
   std::latch over(1);
   std::atomic<int> served = 0;
   std::vector<std::thread> threads;
-  threads.emplace_back([&] { in_turn(services_, [&](int) { over.wait(); }); });
+  threads.emplace_back([&] { in_turn(services_, [&](const Effort&) { over.wait(); }); });
   while (services_.turns.taken == 0) std::this_thread::yield();
   for (int i = 0; i < 32; ++i) {
     threads.emplace_back([&] {
-      in_turn(services_, [&](int helpers) {
-        EXPECT_EQ(helpers, 1);
+      in_turn(services_, [&](const Effort& effort) {
+        EXPECT_EQ(effort.threads, 1);
         ++served;
       });
     });
   }
   while (services_.turns.taken < 33) std::this_thread::yield();
-  cellmap::test::expect_error(ErrorCode::kUnavailable, [&] { in_turn(services_, [](int) {}); });
+  cellmap::test::expect_error(ErrorCode::kUnavailable,
+                              [&] { in_turn(services_, [](const Effort&) {}); });
   over.count_down();
   for (auto& thread : threads) thread.join();
   EXPECT_EQ(served, 32);

@@ -244,9 +244,10 @@ SessionDiff diff_sessions(std::span<const PlacedCell> earlier, std::span<const P
     while (end < pairs.size() && pairs[end].earlier == pairs[begin].earlier) ++end;
     auto comparisons =
         comparisons_of(std::span(pairs).subspan(begin, end - begin), before, after, shelf);
-    parallel_for(comparisons.size(), 1, options.threads, [&](std::size_t from, std::size_t to) {
-      for (std::size_t i = from; i < to; ++i) compare(comparisons[i], options);
-    });
+    parallel_for(comparisons.size(), 1, {options.threads, options.give_way},
+                 [&](std::size_t from, std::size_t to) {
+                   for (std::size_t i = from; i < to; ++i) compare(comparisons[i], options);
+                 });
     for (const Comparison& c : comparisons) {
       before.evidence[c.pair.earlier].add(c.of_earlier);
       after.evidence[c.pair.later].add(c.of_later);

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "cellmap/core/give_way.hpp"
+
 namespace cellmap {
 
 /// When a patch is believed to have stayed or to be gone. The defaults put precision first: what is
@@ -56,7 +58,8 @@ struct DiffOptions {
   /// ... which counts from this many patches on, all CELLs of its session together.
   std::size_t least_region_patches = 12;
 
-  int threads = 1;  ///< 0: all. The result does not depend on it.
+  int threads = 1;   ///< 0: all. The result does not depend on it.
+  GiveWay give_way;  ///< called after every comparison of two CELLs
 
   /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;

@@ -2,6 +2,7 @@
 
 #include <sys/resource.h>
 
+#include <chrono>
 #include <exception>
 #include <thread>
 
@@ -10,16 +11,19 @@ namespace {
 
 /// Others get three times as much: requests then hardly notice, and nobody starves.
 constexpr int kLess = 5;
+/// What a request that takes as long hardly notices.
+constexpr std::chrono::microseconds kPiece(250);
 
 }  // namespace
 
-void run_in_background(const std::function<void()>& work) {
+void run_in_background(const std::function<void(const GiveWay& give_way)>& work) {
   std::exception_ptr failure;
   // Its own thread: without privileges nobody can raise a priority again.
   std::thread([&] {
     setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kLess);  // of this thread
+    TimedYield yield(kPiece);
     try {
-      work();
+      work(GiveWay([&] { yield(); }));
     } catch (...) {
       failure = std::current_exception();
     }

@@ -29,12 +29,13 @@ Eigen::Vector2d centre_of(std::size_t view) {
 }
 
 /// From its points in its ground frame.
-QueryViews views_of(const PointCloud& points) {
+QueryViews views_of(const PointCloud& points, const GiveWay& give_way) {
   const Columns columns(points);
   std::vector<PlaceSignature> signatures;
   signatures.reserve(QueryViews::kViews);
   for (std::size_t view = 0; view < QueryViews::kViews; ++view) {
     signatures.emplace_back(columns, centre_of(view));
+    give_way();
   }
   return {std::move(signatures), columns.seen()};
 }
@@ -54,10 +55,11 @@ QueryViews::QueryViews(std::vector<PlaceSignature> signatures, const Seen& seen)
   some_ = PlaceSignature::side_by_side(some);
 }
 
-DescribedQuery::DescribedQuery(const PointCloud& points)
+DescribedQuery::DescribedQuery(const PointCloud& points, const GiveWay& give_way)
     : ground_(fit_ground(points)),
       views_(views_of(transformed(every_nth(points, points.size() / kMostViewPoints + 1),
-                                  ground_.T_ground_sensor))) {}
+                                  ground_.T_ground_sensor),
+                      give_way)) {}
 
 float likeness(const QueryViews& query, const DescribedPlace& place) {
   if (query.sees_all()) return place.signature.most_alike(query.all(), kAllHarmonics);

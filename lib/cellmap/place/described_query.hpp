@@ -4,6 +4,7 @@
 #include <array>
 #include <vector>
 
+#include "cellmap/core/give_way.hpp"
 #include "cellmap/place/described_place.hpp"
 
 namespace cellmap {
@@ -46,7 +47,7 @@ class QueryViews {
 /// small. About 3 ms for 20,000 points.
 class DescribedQuery {
  public:
-  explicit DescribedQuery(const PointCloud& points);
+  explicit DescribedQuery(const PointCloud& points, const GiveWay& give_way = {});
 
   const GroundFrame& ground() const { return ground_; }
   const QueryViews& views() const { return views_; }

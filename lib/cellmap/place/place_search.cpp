@@ -69,9 +69,9 @@ class BestPlaces {
 };
 
 ComparedPlaces best_of(const QueryViews& query, const RegionList& regions, const PlaceParts& parts,
-                       std::size_t count, int threads, Likeness alike) {
+                       std::size_t count, const Effort& effort, Likeness alike) {
   BestPlaces best(count);
-  parallel_for(regions.size(), 1, threads, [&](std::size_t begin, std::size_t end) {
+  parallel_for(regions.size(), 1, effort, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       const auto part = parts.part(regions[i]->key);
       std::vector<std::pair<PlaceRank, const DescribedPlace*>> ranked;
@@ -80,6 +80,7 @@ ComparedPlaces best_of(const QueryViews& query, const RegionList& regions, const
         const DescribedPlace* place = part->find(id);
         assert(place);
         ranked.push_back({{-alike(query, *place), id}, place});
+        effort.give_way();
       }
       best.offer(ranked);
     }
@@ -113,16 +114,16 @@ ComparedPlaces merged(std::vector<ComparedPlaces> found, const SearchTerms& term
 }
 
 ComparedPlaces PartsSearcher::search(const QueryViews& query, const RegionList& regions,
-                                     const SearchTerms& terms, int threads) const {
+                                     const SearchTerms& terms, const Effort& effort) const {
   if (terms.count == 0) return {};
   RegionList order = regions;
   // Not of std::ranges, whose result clang 14 cannot compile.
   std::stable_partition(order.begin(), order.end(),
                         [&](const auto* region) { return parts_->is_at_hand(region->key); });
-  ComparedPlaces places = best_of(query, order, *parts_, terms.kept(), threads,
+  ComparedPlaces places = best_of(query, order, *parts_, terms.kept(), effort,
                                   terms.first_look ? first_likeness : likeness);
   if (!terms.first_look) return places;
-  parallel_for(places.size(), 64, threads, [&](std::size_t begin, std::size_t end) {
+  parallel_for(places.size(), 64, effort, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) {
       places[i].likeness = likeness(query, *places[i].place);
     }
@@ -131,12 +132,13 @@ ComparedPlaces PartsSearcher::search(const QueryViews& query, const RegionList& 
 }
 
 std::vector<AlikePlace> most_alike(const QueryViews& query, const PlaceRegions& regions,
-                                   const PlaceSearcher& searcher, std::size_t count, int threads) {
+                                   const PlaceSearcher& searcher, std::size_t count,
+                                   const Effort& effort) {
   RegionList all;
   all.reserve(regions.all().size());
   for (const PlaceRegions::Region& region : regions.all()) all.push_back(&region);
   const SearchTerms terms{count, regions.cells() > kCompareAll};
-  ComparedPlaces places = searcher.search(query, all, terms, threads);
+  ComparedPlaces places = searcher.search(query, all, terms, effort);
   std::sort(places.begin(), places.end(), [](const ComparedPlace& a, const ComparedPlace& b) {
     return last_rank(a) < last_rank(b);
   });

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "cellmap/core/parallel.hpp"
 #include "cellmap/place/described_query.hpp"
 #include "cellmap/place/place_part.hpp"
 
@@ -58,10 +59,10 @@ class PlaceSearcher {
   virtual ~PlaceSearcher() = default;
   /// Of all CELLs of the regions. The answer depends on them alone.
   virtual ComparedPlaces search(const QueryViews& query, const RegionList& regions,
-                                const SearchTerms& terms, int threads) const = 0;
+                                const SearchTerms& terms, const Effort& effort) const = 0;
 };
 
-/// Searches the parts of an index, at most `threads` of them at a time: what is at hand first.
+/// Searches the parts of an index, one a thread at a time: what is at hand first.
 /// Every CELL is compared, in 2 us (first look) to 4 us on one thread with AVX2. Nearest-neighbour
 /// libraries need a vector that does not change with the heading, and such vectors lose the place
 /// once a part of the view is missing (ARCHITECTURE.md, "Relocalisation").
@@ -69,7 +70,7 @@ class PartsSearcher : public PlaceSearcher {
  public:
   explicit PartsSearcher(std::shared_ptr<const PlaceParts> parts) : parts_(std::move(parts)) {}
   ComparedPlaces search(const QueryViews& query, const RegionList& regions,
-                        const SearchTerms& terms, int threads) const override;
+                        const SearchTerms& terms, const Effort& effort) const override;
 
  private:
   std::shared_ptr<const PlaceParts> parts_;
@@ -79,6 +80,7 @@ class PartsSearcher : public PlaceSearcher {
 /// of its centres, best first, equal ones by id. The answer depends neither on what lies in which
 /// part, nor on who searches it, nor on the threads.
 std::vector<AlikePlace> most_alike(const QueryViews& query, const PlaceRegions& regions,
-                                   const PlaceSearcher& searcher, std::size_t count, int threads);
+                                   const PlaceSearcher& searcher, std::size_t count,
+                                   const Effort& effort);
 
 }  // namespace cellmap

@@ -148,7 +148,7 @@ class Trials {
     std::vector<std::vector<Attempt>> of_place(end - begin);
     const RegistrationOptions registration =
         unjudged({{10, 3.0, RobustKernel::kCauchy, 0.6}, {5, 1.0, RobustKernel::kCauchy, 0.3}});
-    parallel_for(of_place.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
+    parallel_for(of_place.size(), 1, options_.effort(), [&](std::size_t i, std::size_t) {
       const std::size_t p = begin + i;
       const RegistrationTarget& target = *places_[p].target;
       std::vector<Pose> starts = places_[p].starts;
@@ -200,7 +200,7 @@ class Trials {
     const RegistrationOptions registration = unjudged({{6, 2.0, RobustKernel::kCauchy, 0.5},
                                                        {4, 1.0, RobustKernel::kCauchy, 0.2},
                                                        {8, 0.5, RobustKernel::kGemanMcClure, 0.1}});
-    parallel_for(attempts.size(), 1, options_.threads, [&](std::size_t i, std::size_t) {
+    parallel_for(attempts.size(), 1, options_.effort(), [&](std::size_t i, std::size_t) {
       Attempt& attempt = attempts[i];
       const RegistrationTarget& target = *places_[attempt.place].target;
       attempt.result =
@@ -228,6 +228,7 @@ class Trials {
   void refine(Tried& tried) const {
     RelocalisationCandidate& candidate = tried.candidate;
     const PlaceToTry& place = places_[tried.place];
+    const GiveWay& give_way = options_.registration.give_way;
     const RegistrationOptions registration = staged(
         options_,
         {{3, 0.5, RobustKernel::kGemanMcClure, 0.1}, {40, 0.5, RobustKernel::kGemanMcClure, 0.05}});
@@ -236,11 +237,15 @@ class Trials {
         register_scan(*place.target, query_.refine, candidate.T_cell_scan, registration);
     candidate.T_cell_scan = candidate.registration.T_target_source;
     candidate.T_map_scan = place.T_map_cell * candidate.T_cell_scan;
+    give_way();
     candidate.registration.scores =
         score_scan(*place.target, query_.scored.points(), candidate.T_cell_scan);
     if (!allowed({tried.place, candidate.registration})) return;
+    give_way();
     candidate.structure = score_structure(*place.target, query_.scored, candidate.T_cell_scan);
+    give_way();
     score_facing(*place.target, query_.surfaces, candidate.T_cell_scan, candidate.structure);
+    give_way();
     candidate.residuals =
         residuals_of(*place.target, query_.scored.points(), candidate.T_cell_scan);
     candidate.confidence =

@@ -139,9 +139,9 @@ std::vector<PlaceToTry> similar_places(const DescribedQuery& query, const PlaceR
   // What a place is most alike at may not be what a prior allows.
   const std::vector<AlikePlace> alike =
       most_alike(query.views(), considered, searcher,
-                 prior ? options.shortlist : options.candidates, options.threads);
+                 prior ? options.shortlist : options.candidates, options.effort());
   std::vector<PlaceToTry> places(alike.size());
-  parallel_for(alike.size(), 1, options.threads, [&](std::size_t i, std::size_t) {
+  parallel_for(alike.size(), 1, options.effort(), [&](std::size_t i, std::size_t) {
     places[i] = place_at(alike[i], query, graph, prior, options);
   });
   std::stable_sort(places.begin(), places.end(),
@@ -251,12 +251,15 @@ RelocalisationAnswer PlaceIndex::relocalise(const RelocalisationQuery& raw_query
   answer.cells_considered = considered->cells();
   if (query.points.empty() || considered->cells() == 0) return answer;
 
-  const DescribedQuery described(query.points);
+  const DescribedQuery described(query.points, options.registration.give_way);
   const PartsSearcher whole(std::make_shared<const WholePart>(impl_->whole));
   const PlaceSearcher& searcher = impl_->searcher ? *impl_->searcher : whole;
   std::vector<PlaceToTry> places =
       similar_places(described, *considered, searcher, graph, query.prior, options);
-  for (PlaceToTry& place : places) place.target = targets(place.cell);  // a provider has one caller
+  for (PlaceToTry& place : places) {
+    place.target = targets(place.cell);  // a provider has one caller
+    options.registration.give_way();
+  }
   const auto around = [&](CellId own, const Pose& T_map_scan) {
     return cells_around(own, T_map_scan, *considered, graph, targets);
   };

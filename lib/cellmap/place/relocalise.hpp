@@ -66,6 +66,7 @@ struct RelocaliseOptions {
   int threads = 1;  ///< 0: all. The answer does not depend on it.
 
   void validate() const;
+  Effort effort() const { return {threads, registration.give_way}; }
   PoseSearchOptions search() const;
 };
 

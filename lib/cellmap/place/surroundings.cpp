@@ -58,6 +58,7 @@ SurroundingsScores score_surroundings(std::span<const CellAround> cells, const S
                              votes.visible += !seen.hidden;
                              votes.tight += seen.tight;
                            });
+    registration.give_way();
   }
   SurroundingsScores scores;
   scores.cells = static_cast<std::uint32_t>(cells.size());

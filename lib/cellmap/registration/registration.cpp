@@ -105,7 +105,7 @@ struct StageTerms {
           return most_points == 0 ? 1 : (points + most_points - 1) / most_points;
         })) {
     for (const RegistrationTerm& term : thinned.terms) {
-      terms.emplace_back(term, problem.options.threads, problem.reuse());
+      terms.emplace_back(term, problem.options.effort(), problem.reuse());
     }
   }
 };

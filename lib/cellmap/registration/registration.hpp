@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "cellmap/cell/cell.hpp"
+#include "cellmap/core/parallel.hpp"
 #include "cellmap/geometry/lattice.hpp"
 #include "cellmap/geometry/point_cloud.hpp"
 #include "cellmap/geometry/pose.hpp"
@@ -97,9 +98,12 @@ struct RegistrationOptions {
   bool judge = true;
   /// 0: all. The result does not depend on it: points are summed in fixed chunks.
   int threads = 1;
+  /// Called at least every 8,192 points of an iteration, and by what registers often in between.
+  GiveWay give_way;
 
   /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;
+  Effort effort() const { return {threads, give_way}; }
 };
 
 /// How well points agree with the CELL's planes at a pose. "Hit" points are

@@ -107,8 +107,8 @@ Residual evaluate(const RegistrationTerm& term, const Pose& T, std::size_t point
   return residual;
 }
 
-MatchedTerm::MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse)
-    : term_(term), threads_(threads), reuse_(reuse), places_(term.scan->size()) {}
+MatchedTerm::MatchedTerm(const RegistrationTerm& term, Effort effort, const ReuseBound& reuse)
+    : term_(term), effort_(std::move(effort)), reuse_(reuse), places_(term.scan->size()) {}
 
 std::uint32_t MatchedTerm::slot_of(std::size_t point) const {
   const simd::PlaneTable planes = term_.target->plane_table();
@@ -132,7 +132,7 @@ void MatchedTerm::visit(const Pose& T, const PerBlock& per_block) {
   const PointCloud& scan = *term_.scan;
   const RegistrationTarget& target = *term_.target;
   const simd::PlaneTable planes = target.plane_table();
-  parallel_for(scan.size(), kPointsAChunk, threads_, [&](std::size_t first, std::size_t last) {
+  parallel_for(scan.size(), kPointsAChunk, effort_, [&](std::size_t first, std::size_t last) {
     Block block;
     for (block.begin = first; block.begin < last; block.begin += kPointsABlock) {
       block.count = std::min(kPointsABlock, last - block.begin);

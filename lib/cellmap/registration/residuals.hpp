@@ -59,8 +59,7 @@ struct ReuseBound {
 /// outlive it.
 class MatchedTerm {
  public:
-  /// `threads` as in RegistrationOptions.
-  MatchedTerm(const RegistrationTerm& term, int threads, const ReuseBound& reuse = {});
+  MatchedTerm(const RegistrationTerm& term, Effort effort, const ReuseBound& reuse = {});
 
   const RegistrationTerm& term() const { return term_; }
 
@@ -87,7 +86,7 @@ class MatchedTerm {
   void visit(const Pose& T, const PerBlock& per_block);
 
   RegistrationTerm term_;
-  int threads_;
+  Effort effort_;
   ReuseBound reuse_;
   std::optional<Pose> looked_up_at_;
   bool is_fresh_ = false;
