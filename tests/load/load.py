@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -245,10 +246,12 @@ def overload(world, seconds):
     before = memory_mib(pid, "VmRSS")
     fleets = [world.fleet({"relocalise": 75, "fetch": 2, "changes": 1}, seconds, seed) for seed in (4000, 5000)]
     highest = before
-    while any(fleet.poll() is None for fleet in fleets):
-        highest = max(highest, memory_mib(pid, "VmRSS"))
-        time.sleep(0.1)
-    answers = [json.loads(fleet.communicate()[0]) for fleet in fleets]
+    with ThreadPoolExecutor() as pool:  # a pipe that nobody reads holds its writer up
+        outputs = [pool.submit(fleet.communicate) for fleet in fleets]
+        while not all(output.done() for output in outputs):
+            highest = max(highest, memory_mib(pid, "VmRSS"))
+            time.sleep(0.1)
+    answers = [json.loads(output.result()[0]) for output in outputs]
     fetches = [x for a in answers for x in a["latencies"].get("fetch", [])]
     relocalisations = [x for a in answers for x in a["latencies"].get("relocalise", [])]
     shed = sum(a["shed"].get("relocalise", 0) for a in answers)
