@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <exception>
+#include <memory>
 #include <thread>
 
 namespace cellmap {
@@ -21,9 +22,9 @@ void run_in_background(const std::function<void(const GiveWay& give_way)>& work)
   // Its own thread: without privileges nobody can raise a priority again.
   std::thread([&] {
     setpriority(PRIO_PROCESS, 0, getpriority(PRIO_PROCESS, 0) + kLess);  // of this thread
-    TimedYield yield(kPiece);
+    const auto yield = std::make_shared<TimedYield>(kPiece);
     try {
-      work(GiveWay([&] { yield(); }));
+      work(GiveWay([yield] { (*yield)(); }));
     } catch (...) {
       failure = std::current_exception();
     }

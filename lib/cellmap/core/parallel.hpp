@@ -19,9 +19,9 @@ struct Effort {
 };
 
 /// Calls `body(begin, end)` on consecutive sub-ranges that cover [0, count) exactly once, on at
-/// most as many threads as the effort says, and gives way after each. Sub-ranges
-/// are multiples of `grain` long except the last, and their bounds do not depend on the thread
-/// count, so a body that writes per sub-range results gives the same bytes for any thread count.
+/// most as many threads as the effort says, and gives way after each. Sub-ranges are multiples of
+/// `grain` long except the last, and their bounds do not depend on the thread count, so a body that
+/// writes per sub-range results gives the same bytes for any thread count.
 /// Serial when count <= grain or on one thread: below about a millisecond starting threads costs
 /// more than the work. The first exception thrown by a body is rethrown here.
 void parallel_for(std::size_t count, std::size_t grain, const Effort& effort,
