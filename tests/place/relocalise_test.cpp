@@ -5,6 +5,7 @@
 #include <random>
 
 #include "cellmap/cell/build_cell.hpp"
+#include "cellmap/geometry/angle.hpp"
 #include "cellmap/place/described_query.hpp"
 #include "cellmap/place/place_part.hpp"
 #include "cellmap/place/polar_image.hpp"
@@ -16,8 +17,6 @@ namespace {
 
 using test::BuiltMap;
 using test::TownDrive;
-
-constexpr double kRadPerDeg = std::numbers::pi / 180;
 
 /// The town driven once with perfect odometry: the map frame is the world, up to the first pose.
 class RelocalisationInATown : public testing::Test {
@@ -45,6 +44,14 @@ class RelocalisationInATown : public testing::Test {
     options.refine_points = 8'000;
     options.candidates = 6;
     return options;
+  }
+
+  /// The `number`-th scan of a drive along the same way through other traffic.
+  static PointCloud scan_of_another_day(std::size_t number) {
+    const auto source =
+        TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
+    source->seek(number);
+    return source->next()->points;
   }
 
   static RelocalisationAnswer relocalise(const PointCloud& scan,
@@ -193,10 +200,7 @@ TEST_F(RelocalisationInATown, ScansWithOdometryAndABuiltCellAreQueriesToo) {
 }
 
 TEST_F(RelocalisationInATown, TheEvidenceAddsUp) {
-  const auto source =
-      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
-  source->seek(20);
-  const auto answer = relocalise(source->next()->points);
+  const auto answer = relocalise(scan_of_another_day(20));
   ASSERT_TRUE(answer.found.has_value());
   EXPECT_GE(answer.found->confidence, quick_options().min_confidence);
   std::uint32_t points = 0;
@@ -208,28 +212,22 @@ TEST_F(RelocalisationInATown, TheEvidenceAddsUp) {
 }
 
 TEST_F(RelocalisationInATown, TheAnswerDoesNotDependOnTheThreadCount) {
-  const auto source =
-      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
-  source->seek(40);
-  const auto scan = source->next();
+  const PointCloud scan = scan_of_another_day(40);
   RelocaliseOptions options = quick_options();
-  const auto one = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  const auto one = index_->relocalise(scan, map_->graph, map_->provider(), {}, options);
   options.threads = 2;
-  const auto two = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  const auto two = index_->relocalise(scan, map_->graph, map_->provider(), {}, options);
   ASSERT_TRUE(one.found && two.found);
   EXPECT_EQ(one.found->T_map_scan.matrix(), two.found->T_map_scan.matrix());
 }
 
 TEST_F(RelocalisationInATown, OthersHaveTheProcessorBetweenSmallPieces) {
-  const auto source =
-      TownDrive{.laps = 0.8, .drift_deg_per_m = 0, .stretch = 1, .traffic_seed = 5}.open();
-  source->seek(40);
-  const auto scan = source->next();
+  const PointCloud scan = scan_of_another_day(40);
   RelocaliseOptions options = quick_options();
-  const auto alone = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  const auto alone = index_->relocalise(scan, map_->graph, map_->provider(), {}, options);
   std::size_t times = 0;
   options.registration.give_way = GiveWay([&] { ++times; });
-  const auto kind = index_->relocalise(scan->points, map_->graph, map_->provider(), {}, options);
+  const auto kind = index_->relocalise(scan, map_->graph, map_->provider(), {}, options);
   ASSERT_TRUE(alone.found && kind.found);
   EXPECT_EQ(alone.found->T_map_scan.matrix(), kind.found->T_map_scan.matrix());
   // Once for every view of the query, every CELL and every iteration, of which the answer's are

@@ -51,6 +51,7 @@ struct Comparison {
 Pose registered(const Comparison& c, const DiffOptions& options) {
   RegistrationOptions registration = default_place_registration();
   registration.judge = false;
+  registration.give_way = options.give_way;
   constexpr std::size_t kPoints = 4'000;
   const auto points = [](const Target& target) {
     const PointCloud all = reconstruct_points(target->cell(), target->lattice());

@@ -59,7 +59,7 @@ struct DiffOptions {
   std::size_t least_region_patches = 12;
 
   int threads = 1;   ///< 0: all. The result does not depend on it.
-  GiveWay give_way;  ///< called after every comparison of two CELLs
+  GiveWay give_way;  ///< as in RegistrationOptions; and after every comparison of two CELLs
 
   /// Throws Error{kInvalidArgument} naming the option and its range.
   void validate() const;
